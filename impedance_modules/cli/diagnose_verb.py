@@ -4,23 +4,27 @@
 from __future__ import annotations
 
 import json
+from contextlib import contextmanager
 from pathlib import Path
+from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
 import click
 from rich.text import Text
 
 from impedance_modules.cli.plain_lines import say
+from impedance_modules.cli.shared_options import held_positions
 from impedance_modules.cli.terminal import Terminal, styled
 from impedance_modules.diagnosis.result import DEFAULT_TOLERANCE
 from impedance_modules.errors import BadInput
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from rich.console import Console
     from rich.table import Table
 
+    from impedance_modules.diagnosis.data.model_file import ComparedModel
     from impedance_modules.diagnosis.data.nominal_model import NominalModel
     from impedance_modules.diagnosis.result import Cause, Diagnosis, JointGap, Rollout
     from impedance_modules.episode.data import Episode
@@ -35,7 +39,13 @@ PATH = click.Path(path_type=Path)
     "--holdout", multiple=True, type=PATH, metavar="LOG", help="Recording that no step of the fit may see."
 )
 @click.option("--robot", metavar="NAME", help="Robot whose model is compared.")
-@click.option("--urdf", type=PATH, help="URDF whose model is compared, instead of a robot.")
+@click.option("--urdf", type=PATH, help="URDF or MuJoCo model (XML) that is compared, instead of a robot.")
+@click.option(
+    "--hold",
+    multiple=True,
+    metavar="JOINT=POSITION",
+    help="With --urdf: where a joint stood that was not recorded [rad, or m if it slides].",
+)
 @click.option("--effects", type=PATH, metavar="PATCH", help="Start from the model with this patch applied.")
 @click.option("--without", multiple=True, metavar="EFFECT", help="Leave an effect out of the catalogue.")
 @click.option("--under-water", is_flag=True, help="The robot was under water: look for what water does, too.")
@@ -58,6 +68,7 @@ def diagnose_command(
     holdout: tuple[Path, ...],
     robot: str | None,
     urdf: Path | None,
+    hold: tuple[str, ...],
     effects: Path | None,
     without: tuple[str, ...],
     under_water: bool,
@@ -85,24 +96,25 @@ def diagnose_command(
     read = read_recordings([*logs, *holdout])
     episodes = [episode for found in read for episode in found]
     tested = [episode for found in read[len(logs) :] for episode in found]
-    model, file = _model(robot, urdf, episodes)
-    known = _applied(effects, model)
     console = Terminal()
-    try:
-        with console.status("diagnosing") as status:
-            found = diagnose(
-                episodes,
-                model,
-                file,
-                heldout=[episode.name for episode in tested],
-                without=without,
-                under_water=under_water,
-                tolerance=tolerance,
-                known_effects=known,
-                progress=lambda words: status.update(Text(words)),
-            )
-    except InsufficientData as error:
-        found = insufficient(model.robot, [episode.name for episode in episodes], str(error))
+    with _compared(robot, urdf, hold, episodes) as compared:
+        model = compared.model
+        known = (*compared.known_effects, *_applied(effects, model))
+        try:
+            with console.status("diagnosing") as status:
+                found = diagnose(
+                    episodes,
+                    model,
+                    compared.urdf,
+                    heldout=[episode.name for episode in tested],
+                    without=without,
+                    under_water=under_water,
+                    tolerance=tolerance,
+                    known_effects=known,
+                    progress=lambda words: status.update(Text(words)),
+                )
+        except InsufficientData as error:
+            found = insufficient(model.robot, [episode.name for episode in episodes], str(error))
     _write(found, json_path, report, patch)
     _write_recording(found, recording)
     print_diagnosis(found, console)
@@ -120,18 +132,27 @@ def _refuse_unknown(without: tuple[str, ...]) -> None:
             )
 
 
-def _model(robot: str | None, urdf: Path | None, episodes: list[Episode]) -> tuple[NominalModel, Path]:
+@contextmanager
+def _compared(
+    robot: str | None, urdf: Path | None, hold: Sequence[str], episodes: Sequence[Episode]
+) -> Iterator[ComparedModel]:
     """Builds the model of the recorded joints."""
-    from impedance_modules.diagnosis.data.nominal_model import model_of_spec, model_of_urdf
+    from impedance_modules.diagnosis.data.model_file import ComparedModel, compared_model
+    from impedance_modules.diagnosis.data.nominal_model import model_of_spec
     from impedance_modules.spec.robot_reader import read_robot
 
     joints = [joint for joint in episodes[0].joints if all(joint in episode.position for episode in episodes)]
     if not joints:
         raise BadInput("the recordings have no joint in common (valid: recordings of one robot)")
     if urdf is not None:
-        return model_of_urdf(urdf, joints), urdf
+        mean = {joint: fmean(float(e.position[joint].mean()) for e in episodes) for joint in joints}
+        with compared_model(urdf, mean, held_positions(hold)) as compared:
+            yield compared
+        return
+    if hold:
+        raise BadInput("--hold goes with --urdf (valid: 'locked' in the robot's own file)")
     spec = read_robot(str(robot))
-    return model_of_spec(spec, joints), spec.urdf
+    yield ComparedModel(model_of_spec(spec, joints), spec.urdf, ())
 
 
 def _applied(effects: Path | None, model: NominalModel) -> tuple[EffectSpec, ...]:

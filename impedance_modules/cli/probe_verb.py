@@ -4,13 +4,15 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 from rich.text import Text
 
-from impedance_modules.cli.terminal import Terminal
+from impedance_modules.cli.terminal import Terminal, styled
 from impedance_modules.errors import BadInput
 
 if TYPE_CHECKING:
@@ -32,7 +34,9 @@ UNTESTED_NEED = 50.0
 @click.command("probe")
 @click.argument("diagnosis", metavar="[DIAGNOSIS.json]", required=False, type=PATH)
 @click.option("--robot", metavar="NAME", help="Robot that will move; its folder gives limits and links.")
-@click.option("--urdf", type=PATH, help="URDF instead of a robot: tables of the motion, no task.")
+@click.option(
+    "--urdf", type=PATH, help="URDF or MuJoCo model (XML) instead of a robot: tables of the motion, no task."
+)
 @click.option("--out", required=True, type=PATH, metavar="DIR", help="Folder for what is written.")
 def probe_command(diagnosis: Path | None, robot: str | None, urdf: Path | None, out: Path) -> int:
     """Propose the next motion to record: the shortest safe one that answers what DIAGNOSIS.json leaves open.
@@ -45,28 +49,30 @@ def probe_command(diagnosis: Path | None, robot: str | None, urdf: Path | None, 
 
     if (robot is None) == (urdf is None):
         raise BadInput("probe needs to know what moves: give --robot NAME or --urdf FILE, one of them")
-    spec, model, file = _model(robot, urdf)
     answer = None if diagnosis is None else _answer(diagnosis)
     console = Terminal()
-    with console.status("looking for a motion") as status:
-        probe = propose_probe(answer, model, file, spec, lambda words: status.update(Text(words)))
-    written = _write(probe, spec, out)
+    with _model(robot, urdf) as (spec, model, file):
+        with console.status("looking for a motion") as status:
+            probe = propose_probe(answer, model, file, spec, lambda words: status.update(Text(words)))
+        written = _write(probe, spec, out)
+    for note in model.notes:
+        console.print(styled("[yellow]note:[/yellow] {}", note))
     _print(probe, written, console)
     return 0
 
 
-def _model(robot: str | None, urdf: Path | None) -> tuple[RobotSpec | None, NominalModel, Path]:
-    from impedance_modules.diagnosis.data.nominal_model import model_of_spec, model_of_urdf
+@contextmanager
+def _model(robot: str | None, urdf: Path | None) -> Iterator[tuple[RobotSpec | None, NominalModel, Path]]:
+    from impedance_modules.diagnosis.data.model_file import compared_model, driven_joints
+    from impedance_modules.diagnosis.data.nominal_model import model_of_spec
     from impedance_modules.spec.robot_reader import read_robot
-    from impedance_modules.spec.urdf import read_urdf
 
     if urdf is not None:
-        if not urdf.is_file():
-            raise BadInput(f"--urdf {urdf}: no such file (valid: a URDF of the robot)")
-        moving = [name for name, joint in read_urdf(urdf).joints.items() if joint.moves]
-        return None, model_of_urdf(urdf, moving), urdf
+        with compared_model(urdf, dict.fromkeys(driven_joints(urdf), 0.0), {}) as compared:
+            yield None, compared.model, compared.urdf
+        return
     spec = read_robot(str(robot))
-    return spec, model_of_spec(spec, list(spec.joints)), spec.urdf
+    yield spec, model_of_spec(spec, list(spec.joints)), spec.urdf
 
 
 def _answer(path: Path) -> dict[str, Any]:

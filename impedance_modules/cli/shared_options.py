@@ -3,9 +3,13 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
+
+from impedance_modules.errors import BadInput
 
 task_argument = click.argument("task", metavar="TASK")
 
@@ -35,3 +39,27 @@ scale_option = click.option(
 )
 
 arm_option = click.option("--arm", metavar="NAME", help="Use only this arm.")
+
+
+def held_positions(entries: Sequence[str]) -> dict[str, float]:
+    """Reads ``JOINT=POSITION`` of each --hold.
+
+    Returns:
+        Joint -> position [rad] ([m] if it slides).
+
+    Raises:
+        BadInput: One has another form, no finite number, or a joint that stands in another one.
+    """
+    found: dict[str, float] = {}
+    for entry in entries:
+        joint, _, text = entry.rpartition("=")
+        try:
+            position = float(text)
+        except ValueError:
+            position = math.nan
+        if not joint or not math.isfinite(position):
+            raise BadInput(f"--hold {entry}: not JOINT=POSITION with a number (valid: --hold torso=0.2)")
+        if joint in found:
+            raise BadInput(f"--hold {entry}: '{joint}' is held twice (valid: once)")
+        found[joint] = position
+    return found

@@ -31,7 +31,7 @@ def change_body(model: MujocoDescription, amount: Amount) -> None:
     inertial = body.find("inertial")
     if not _says_its_inertia(model, body, inertial) or inertial is None:
         return
-    before = _inertia(model, inertial)
+    before = read_inertia(model, inertial)
     if before is None:
         return
     after = before.with_change(amount.numbers)
@@ -67,24 +67,24 @@ def _says_its_inertia(model: MujocoDescription, body: ET.Element, inertial: ET.E
     return inertial is not None
 
 
-def _inertia(model: MujocoDescription, inertial: ET.Element) -> BodyInertia | None:
+def read_inertia(model: MujocoDescription, inertial: ET.Element) -> BodyInertia | None:
     """Reads <inertial>: diagonal in turned axes, or full in the body's; None where it is incomplete, a fault."""
     if lacking := [key for key in ("mass", "pos") if key not in inertial.attrib]:
         model.faults.add(inertial, f"<inertial> has no {' and no '.join(lacking)} (valid: mass and pos)")
         return None
-    mass = float(_sized(model, inertial, "mass", (0.0,))[0])
-    centre = _sized(model, inertial, "pos", (0.0, 0.0, 0.0))
+    mass = float(sized(model, inertial, "mass", (0.0,))[0])
+    centre = sized(model, inertial, "pos", (0.0, 0.0, 0.0))
     if "fullinertia" in inertial.attrib:
-        xx, yy, zz, xy, xz, yz = _sized(model, inertial, "fullinertia", (0.0,) * 6)
+        xx, yy, zz, xy, xz, yz = sized(model, inertial, "fullinertia", (0.0,) * 6)
         return BodyInertia(mass, centre, np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
     if "diaginertia" not in inertial.attrib:
         model.faults.add(inertial, "<inertial> has neither diaginertia nor fullinertia (valid: one of them)")
         return None
     R = orientation(model, inertial)
-    return BodyInertia(mass, centre, R @ np.diag(_sized(model, inertial, "diaginertia", (0.0,) * 3)) @ R.T)
+    return BodyInertia(mass, centre, R @ np.diag(sized(model, inertial, "diaginertia", (0.0,) * 3)) @ R.T)
 
 
-def _sized(model: MujocoDescription, element: ET.Element, key: str, default: tuple[float, ...]) -> Array:
+def sized(model: MujocoDescription, element: ET.Element, key: str, default: tuple[float, ...]) -> Array:
     """Reads as many numbers as there are in ``default``; another count is a fault of the file."""
     found = model.numbers(element, key, default)
     if found.size == len(default):
@@ -98,21 +98,26 @@ def orientation(model: MujocoDescription, element: ET.Element) -> Array:
     """Computes the rotation (3, 3) of an element in its parent, in whichever of MuJoCo's ways it is written."""
     unit = DEGREE if (model.setting("compiler", "angle") or "degree") == "degree" else 1.0
     if "quat" in element.attrib:
-        w, *v = _sized(model, element, "quat", (1.0, 0.0, 0.0, 0.0))
+        w, *v = sized(model, element, "quat", (1.0, 0.0, 0.0, 0.0))
         return _turn(np.array(v), 2.0 * math.atan2(math.hypot(*v), w))
     if "axisangle" in element.attrib:
-        x, y, z, angle = _sized(model, element, "axisangle", (0.0, 0.0, 1.0, 0.0))
+        x, y, z, angle = sized(model, element, "axisangle", (0.0, 0.0, 1.0, 0.0))
         return _turn(np.array([x, y, z]), unit * angle)
     if "euler" in element.attrib:
-        return _euler(model, element, unit * _sized(model, element, "euler", (0.0,) * 3))
+        return _euler(model, element, unit * sized(model, element, "euler", (0.0,) * 3))
     if "xyaxes" in element.attrib:
-        axes = _sized(model, element, "xyaxes", (1.0, 0.0, 0.0, 0.0, 1.0, 0.0))
+        axes = sized(model, element, "xyaxes", (1.0, 0.0, 0.0, 0.0, 1.0, 0.0))
         x = _unit(axes[:3])
         y = _unit(axes[3:] - (axes[3:] @ x) * x)
         return np.stack([x, y, np.cross(x, y)], axis=1)
-    z = _sized(model, element, "zaxis", (0.0, 0.0, 1.0)) if "zaxis" in element.attrib else np.eye(3)[2]
-    across = np.cross([0.0, 0.0, 1.0], z)
-    return _turn(across, math.atan2(float(np.linalg.norm(across)), float(z[2])))
+    z = sized(model, element, "zaxis", (0.0, 0.0, 1.0)) if "zaxis" in element.attrib else np.eye(3)[2]
+    return rotation_between(np.eye(3)[2], z)
+
+
+def rotation_between(start: Array, end: Array) -> Array:
+    """Computes the smallest rotation (3, 3) that turns one direction into another; half a turn is about x."""
+    across = np.cross(start, end)
+    return _turn(across, math.atan2(float(np.linalg.norm(across)), float(start @ end)))
 
 
 def _unit(vector: Array) -> Array:
@@ -160,7 +165,7 @@ def lean_base(model: MujocoDescription, amount: Amount) -> None:
         options = model.root.findall("option")
         gravity = options[0] if options else model.xml.add(model.root, "option")
     lean = exp3(np.array([*amount.numbers, 0.0]))
-    gravity.set("gravity", numbers(lean.T @ _sized(model, gravity, "gravity", GRAVITY)))
+    gravity.set("gravity", numbers(lean.T @ sized(model, gravity, "gravity", GRAVITY)))
 
 
 def _bases(model: MujocoDescription) -> Iterator[ET.Element]:

@@ -7,13 +7,14 @@ the URDF is reported at its own place.
 
 from __future__ import annotations
 
+import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from impedance_modules.errors import BadFile, Problem, printable
-from impedance_modules.spec.located_xml import Faults, parse_xml
+from impedance_modules.spec.located_xml import Faults, parse_xml, read_number
 from impedance_modules.spec.mesh_files import missing_mesh
 from impedance_modules.spec.urdf_numbers import check_numbers
 
@@ -35,6 +36,15 @@ class UrdfLimits:
 
 
 @dataclass(frozen=True)
+class UrdfMimic:
+    """A joint that follows another: q = multiplier q_leader + offset."""
+
+    leader: str
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True)
 class UrdfJoint:
     """One joint.
 
@@ -43,6 +53,8 @@ class UrdfJoint:
         parent, child: Link names.
         limits: None where the URDF gives none.
         line: Where its element begins.
+        mimic: Which joint it follows; None where it has a drive of its own.
+        resists: Whether its <dynamics> states friction or damping.
     """
 
     type: str
@@ -50,6 +62,8 @@ class UrdfJoint:
     child: str
     limits: UrdfLimits | None
     line: int
+    mimic: UrdfMimic | None = None
+    resists: bool = False
 
     @property
     def moves(self) -> bool:
@@ -177,7 +191,27 @@ def _joint(name: str, element: ET.Element, links: Mapping[str, ET.Element], faul
         )
         if limits.lower > limits.upper:
             faults.add(limit, f"<limit> has 'lower' {limits.lower:g} above 'upper' {limits.upper:g}")
-    return UrdfJoint(kind, ends[0], ends[1], limits, faults.lines[element])
+    return UrdfJoint(
+        kind, ends[0], ends[1], limits, faults.lines[element], _mimic(element), _resists(element)
+    )
+
+
+def _mimic(element: ET.Element) -> UrdfMimic | None:
+    found = element.find("mimic")
+    if found is None:
+        return None
+    numbers = (
+        read_number(found.get(key, default)) for key, default in (("multiplier", "1"), ("offset", "0"))
+    )
+    multiplier, offset = (math.nan if value is None else value for value in numbers)
+    return UrdfMimic(found.get("joint", ""), multiplier, offset)
+
+
+def _resists(element: ET.Element) -> bool:
+    found = element.find("dynamics")
+    return found is not None and any(
+        read_number(found.get(key, "0")) != 0.0 for key in ("damping", "friction")
+    )
 
 
 def _end(name: str, element: ET.Element, tag: str, links: Mapping[str, ET.Element], faults: Faults) -> str:

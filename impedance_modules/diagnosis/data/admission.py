@@ -72,6 +72,7 @@ def admit(episodes: Sequence[Episode], model: NominalModel) -> tuple[tuple[Log, 
         *_note_partial_recordings(episodes),
         *_note_other_robot(episodes, model),
         *_note_unrecorded_joints(model),
+        *model.notes,
     ]
     refuse_mixed_recordings(episodes)
     steps = steps_of([episode.position for episode in episodes], model.joints)

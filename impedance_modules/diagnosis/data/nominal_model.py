@@ -38,6 +38,7 @@ class NominalModel:
         effort_max: (n,) [N.m]; infinite where nothing is stated.
         spring_damping: (n,) beside the joint's spring [N.m.s/rad].
         inner_loop: The robot's own feedback of joint torque; None where nothing is stated.
+        notes: What was assumed when it was made of a description, in sentences.
     """
 
     robot: str
@@ -52,6 +53,7 @@ class NominalModel:
     effort_max: Array
     spring_damping: Array
     inner_loop: InnerTorqueLoopSpec | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def joints(self) -> tuple[str, ...]:

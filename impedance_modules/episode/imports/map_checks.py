@@ -119,12 +119,16 @@ class RobotFacts:
 
 
 def facts_of_urdf(path: Path) -> RobotFacts:
-    """Reads the facts from a URDF.
+    """Reads the facts from a URDF or a MuJoCo model.
 
     Raises:
-        BadInput: No such file, or no URDF.
+        BadInput: No such file, or no description of a robot.
     """
-    urdf = read_urdf(path)
+    # Rotations and effects take long to import: only when a description is read.
+    from impedance_modules.export.mujoco_as_urdf import as_urdf  # noqa: PLC0415
+
+    with as_urdf(path) as (plain, _):
+        urdf = read_urdf(plain)
     moving = {name: joint for name, joint in urdf.joints.items() if joint.moves}
     limits = {name: (j.limits.lower, j.limits.upper) for name, j in moving.items() if j.limits is not None}
     return RobotFacts(path, tuple(moving), _sliding(urdf), limits)
