@@ -16,6 +16,7 @@ from impedance_modules.diagnosis.data.log import Log
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
 from impedance_modules.diagnosis.data.rigid_tree import Body
 from impedance_modules.diagnosis.data.torque_sign import (
+    CoarseComparison,
     compare_coarsely,
     refuse_flipped_torque,
     residual_of_fit,
@@ -61,6 +62,9 @@ BETTER_UNIT = 0.2
 
 FACTOR_OF_1000 = (300.0, 3000.0)
 """Ratios of measured to model torque that look like a factor of a thousand."""
+
+BEFORE_GEAR = 0.125
+"""Ratio of measured to model torque, at every joint where both correlate, below which no effect is searched."""
 
 
 def refuse_faulty_channels(log: Log, model: NominalModel) -> None:
@@ -270,3 +274,18 @@ def _refuse_thousandths(log: Log, model: NominalModel) -> None:
             f"{log.name}: the torque of {joint} is {abs(slope):.3g} times what the links need, which looks like {looks}"
             " (valid: N.m; state its unit in the import map)"
         )
+    _refuse_before_gear(log, model, found)
+
+
+def _refuse_before_gear(log: Log, model: NominalModel, found: CoarseComparison) -> None:
+    """Refuses torques that are a small part of what the links need, at every joint where that can be seen."""
+    slopes = [_slope(found.model[:, index], found.effort[:, index]) for index in range(model.n)]
+    seen = {joint: slope for joint, slope in zip(model.joints, slopes, strict=True) if slope is not None}
+    if not seen or max(map(abs, seen.values())) > BEFORE_GEAR:
+        return
+    listed = ", ".join(f"{joint} {abs(slope):.3g}" for joint, slope in seen.items())
+    raise BadInput(
+        f"{log.name}: the torques are a small part of what the links need ({listed}): were they measured at the motors,"
+        " before a gear, or are they currents? (valid: N.m at the joints; state 'transmission' and 'side: motor', or"
+        " the unit and its 'gain', in the import map)"
+    )

@@ -14,6 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from impedance_modules.episode.columns import TIME
+from impedance_modules.episode.imports.log_sources import kind_of
+from impedance_modules.episode.imports.maker_maps import MakerMap, dataset_map, maker_map
 from impedance_modules.episode.imports.map_checks import facts_of_robot, recognise
 from impedance_modules.episode.imports.table import list_names
 from impedance_modules.episode.imports.text_table import open_text, read_line
@@ -26,39 +28,61 @@ STATE_TOPIC = "joint_states"
 _UNITS = {"position": ("rad", "m"), "velocity": ("rad/s", "m/s"), "effort": ("N.m", "N")}
 
 
-def recorder_map(path: Path) -> tuple[str, list[str]]:
-    """Makes the map of a text file in the form of Rethink's joint recorder.
+def map_for(path: Path, urdf: Path | None) -> MakerMap:
+    """Makes the map of a log that says itself what most of its columns mean.
 
-    The header begins with ``time`` and names joints; the values are positions [rad].
+    Args:
+        path: A text log of a maker's software, a ROS recording, or a LeRobot dataset.
+        urdf: Names the joints of a log that only numbers them, or None.
 
-    Returns:
-        The map's text, and notes.
+    Raises:
+        BadInput: No log of a known kind.
+    """
+    kind = kind_of(path)
+    if kind in ("dataset", "lerobot"):
+        return dataset_map(path if kind == "dataset" else path.parent, urdf)
+    if kind == "bag":
+        return bag_map(path)
+    if kind == "text":
+        return text_map(path, urdf)
+    what_it_is = "a folder without a recording" if kind == "folder" else "arrays that no map describes"
+    raise BadInput(f"{path}: {what_it_is} (valid: --map FILE, see docs/import.md)")
+
+
+def text_map(path: Path, urdf: Path | None) -> MakerMap:
+    """Makes the map of a text file: a maker's own log, or one in the form of Rethink's joint recorder.
+
+    The joint recorder's header begins with ``time`` and names joints; the values are positions [rad].
+
+    Args:
+        path: The log.
+        urdf: Names the joints of a log that only numbers them, or None.
 
     Raises:
         BadInput: Another kind of text; the message says what a map for it would begin with.
     """
     with open_text(path) as stream:
         header = read_line(path, stream, 1).strip()
+    if (known := maker_map(path, header, urdf)) is not None:
+        return known
     names = [name.strip() for name in header.split(",")]
     robot = recognise(names) if names[0] == TIME else None
     if robot is None:
         raise BadInput(
             f"{path}: a table whose columns no map describes (valid: --map FILE, see docs/import.md; without one, a"
-            f" header 'time,JOINT,...' with the joints of a shipped robot). It begins: {header[:120]!r}"
+            f" header 'time,JOINT,...' with the joints of a shipped robot, or one of libfranka or RTDE). It begins:"
+            f" {header[:120]!r}"
         )
     joints = [joint for joint in robot.joints if joint in names]
     others = [name for name in names[1:] if name not in joints]
     notes = [f"not imported: {', '.join(others)}"] if others else []
     columns = {"position": "{joint}"}
     table = ["separator: comma", "header: true", f"time: {{column: {TIME}, unit: s}}"]
-    return _map_text(robot, joints, table, columns, effort_source=None), notes
+    return MakerMap(_map_text(robot, joints, table, columns, effort_source=None), (), tuple(notes))
 
 
-def bag_map(path: Path) -> tuple[str, list[str]]:
+def bag_map(path: Path) -> MakerMap:
     """Makes the map of a recording with the joint states of a shipped robot.
-
-    Returns:
-        The map's text, and notes.
 
     Raises:
         BadInput: No joint states, of no known robot, or several that could be meant.
@@ -80,7 +104,7 @@ def bag_map(path: Path) -> tuple[str, list[str]]:
     ]
     source = _effort_source(path, robot, joints) if "effort" in columns else None
     text = _map_text(robot, joints, [f"time: {{clock: {clock}}}"], columns, effort_source=source)
-    return text, notes
+    return MakerMap(text, (), tuple(notes))
 
 
 def _filled_fields(path: Path) -> tuple[dict[str, dict[str, set[str]]], set[str]]:

@@ -26,12 +26,16 @@ COMMANDS = ("position_command", "effort_command")
 TIME_UNITS: Mapping[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 COUNTS = "counts"
 
+RANGE_UNITS: Mapping[str, tuple[float, float]] = {"normalised": (-100.0, 100.0), "percent": (0.0, 100.0)}
+"""Units of position that mean parts of a range, with the numbers at its ends."""
+
 GAIN_UNITS = ("A", "V", "other")
 """Units of torque that mean nothing without a gain."""
 
 Matrix = NDArray[np.float64]
 _TURNING: Mapping[str, Mapping[str, float]] = {
-    "position": {"rad": 1.0, "deg": math.pi / 180, "rev": 2 * math.pi, COUNTS: 2 * math.pi},
+    "position": {"rad": 1.0, "deg": math.pi / 180, "rev": 2 * math.pi, COUNTS: 2 * math.pi}
+    | dict.fromkeys(RANGE_UNITS, 1.0),
     "velocity": {
         "rad/s": 1.0,
         "deg/s": math.pi / 180,
@@ -41,7 +45,7 @@ _TURNING: Mapping[str, Mapping[str, float]] = {
     "effort": {"N.m": 1.0, "mN.m": 1e-3, "A": 1.0, "V": 1.0, "other": 1.0},
 }
 _SLIDING: Mapping[str, Mapping[str, float]] = {
-    "position": {"m": 1.0, "mm": 1e-3},
+    "position": {"m": 1.0, "mm": 1e-3} | dict.fromkeys(RANGE_UNITS, 1.0),
     "velocity": {"m/s": 1.0, "mm/s": 1e-3},
     "effort": {"N": 1.0, "A": 1.0, "V": 1.0, "other": 1.0},
 }
@@ -178,7 +182,8 @@ class ImportMap:
 def unit_factors(kind: str, *, sliding: bool) -> Mapping[str, float]:
     """Returns the units of a quantity with the factor to the episode's.
 
-    Counts are turns here, still to be divided by the counts of a turn; A, V and 'other' still lack their gain.
+    Counts are turns here, still to be divided by the counts of a turn; parts of a range still lack the range, and A, V
+    and 'other' their gain.
 
     Args:
         kind: ``position``, ``velocity``, ``effort``, ``effort_command`` or ``position_command``.
@@ -186,6 +191,20 @@ def unit_factors(kind: str, *, sliding: bool) -> Mapping[str, float]:
     """
     family = "position" if kind in POSITIONS else "effort" if kind in EFFORTS else "velocity"
     return (_SLIDING if sliding else _TURNING)[family]
+
+
+def range_line(unit: str, ends: Sequence[float]) -> tuple[float, float]:
+    """Returns scale and offset of a position that is given as a part of a range.
+
+    q = q_1 + (x - x_1) (q_2 - q_1) / (x_2 - x_1), x_1 and x_2 the unit's numbers at the ends.
+
+    Args:
+        unit: One of `RANGE_UNITS`.
+        ends: q_1 and q_2 [rad] ([m] if prismatic).
+    """
+    first, second = RANGE_UNITS[unit]
+    scale = (ends[1] - ends[0]) / (second - first)
+    return scale, ends[0] - first * scale
 
 
 def transmission_matrix(entry: Mapping[str, Any], joints: Sequence[str]) -> Matrix:

@@ -13,6 +13,12 @@ from pathlib import Path
 
 from impedance_modules.episode.imports.binary_tables import ArrayTable, ParquetTable
 from impedance_modules.episode.imports.import_map import ImportMap, TableMap
+from impedance_modules.episode.imports.lerobot_dataset import (
+    LeRobotTable,
+    episode_places,
+    is_dataset,
+    is_episode,
+)
 from impedance_modules.episode.imports.table import LogTable
 from impedance_modules.episode.imports.text_table import TextTable
 from impedance_modules.episode.run_folder import EPISODE, part_paths
@@ -43,7 +49,11 @@ _SUFFIXES = {
 
 
 def kind_of(path: Path) -> str:
-    """Returns what a source is: ``bag``, ``arrays``, ``parquet``, ``text``, ``run`` or ``folder``.
+    """Returns what a source is.
+
+    Returns:
+        ``bag``, ``arrays``, ``parquet``, ``text``, ``run``, ``folder``; of LeRobot ``dataset``, or ``lerobot`` for
+        one episode of it.
 
     Raises:
         BadInput: It is missing, empty, cannot be read, or has another type's suffix.
@@ -51,7 +61,11 @@ def kind_of(path: Path) -> str:
     if path.is_dir():
         if (path / EPISODE).exists() or part_paths(path):
             return "run"
+        if is_dataset(path):
+            return "dataset"
         return "bag" if (path / "metadata.yaml").exists() else "folder"
+    if is_episode(path):
+        return "lerobot"
     try:
         with open_input(path, near="" if path.exists() else _neighbours(path)) as stream:
             start = stream.read(32)
@@ -83,7 +97,7 @@ def open_table(path: Path, table: TableMap, mapping: ImportMap, scratch: Path) -
         BadFile: The map says too little, or something that has no meaning for this kind of file.
     """
     kind = kind_of(path)
-    if kind in ("run", "folder"):
+    if kind in ("run", "folder", "dataset"):
         raise BadInput(f"{path}: a directory, and the map describes a file (valid: the file)")
     place = ("tables", table.index)
     if kind == "text" and table.text is None:
@@ -142,6 +156,8 @@ def mapped_recordings(sources: Sequence[Path], mapping: ImportMap) -> tuple[Reco
 def source_name(path: Path) -> str:
     """Returns what a recording is called: its file without suffix, or its folder."""
     whole = path.resolve()
+    if is_episode(whole):
+        return f"{whole.parent.name}-{whole.name}"
     if whole.name == EPISODE:
         return whole.parent.name
     return whole.name if whole.is_dir() else whole.stem
@@ -157,6 +173,8 @@ def _open(kind: str, path: Path, table: TableMap, scratch: Path) -> LogTable:
         return ArrayTable(path)
     if kind == "parquet":
         return ParquetTable(path)
+    if kind == "lerobot":
+        return LeRobotTable(path)
     if table.text is None:
         raise BadInput(f"{path}: a text file needs a 'separator' in the map")
     return TextTable(path, table.text)
@@ -170,7 +188,9 @@ def _neighbours(path: Path) -> str:
 
 
 def _expand(source: Path, mapping: ImportMap) -> list[Path]:
-    """A folder stands for the files in it that the map describes."""
+    """A folder stands for the files in it that the map describes, a dataset for its episodes."""
+    if kind_of(source) == "dataset":
+        return list(episode_places(source))
     if kind_of(source) != "folder":
         return [source]
     patterns = [_pattern(table.file) for table in mapping.tables if table.file is not None]

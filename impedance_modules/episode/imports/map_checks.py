@@ -20,6 +20,7 @@ from impedance_modules.episode.imports.import_map import (
     EFFORTS,
     GAIN_UNITS,
     POSITIONS,
+    RANGE_UNITS,
     transmission_matrix,
     unit_factors,
 )
@@ -39,7 +40,7 @@ _SINGULAR = 1e12
 
 _TAKEN = (*JOINT_KINDS, *FRAME_KINDS, TIME, PHASE, TANK)
 
-_BY_JOINT = ("unit", "sign", "offset", "gain", "counts_per_rev")
+_BY_JOINT = ("unit", "sign", "offset", "gain", "counts_per_rev", "range")
 """Keys that may hold one value for each joint."""
 
 
@@ -124,14 +125,23 @@ def facts_of_urdf(path: Path) -> RobotFacts:
     Raises:
         BadInput: No such file, or no description of a robot.
     """
+    urdf = plain_urdf(path)
+    moving = {name: joint for name, joint in urdf.joints.items() if joint.moves}
+    limits = {name: (j.limits.lower, j.limits.upper) for name, j in moving.items() if j.limits is not None}
+    return RobotFacts(path, tuple(moving), _sliding(urdf), limits)
+
+
+def plain_urdf(path: Path) -> UrdfFacts:
+    """Reads a URDF, or the links of a MuJoCo model as one.
+
+    Raises:
+        BadInput: No such file, or no description of a robot.
+    """
     # Rotations and effects take long to import: only when a description is read.
     from impedance_modules.export.mujoco_as_urdf import as_urdf  # noqa: PLC0415
 
     with as_urdf(path) as (plain, _):
-        urdf = read_urdf(plain)
-    moving = {name: joint for name, joint in urdf.joints.items() if joint.moves}
-    limits = {name: (j.limits.lower, j.limits.upper) for name, j in moving.items() if j.limits is not None}
-    return RobotFacts(path, tuple(moving), _sliding(urdf), limits)
+        return read_urdf(plain)
 
 
 def facts_of_robot(name: str, beside: Path) -> RobotFacts | None:
@@ -324,8 +334,29 @@ class _Checks:
         used = set(named.values())
         if self._kind in POSITIONS:
             yield from self._companion("counts_per_rev", needed=COUNTS in used)
+            yield from self._ranges(named)
         if self._kind in EFFORTS:
             yield from self._companion("gain", needed=not used.isdisjoint(GAIN_UNITS))
+
+    def _ranges(self, named: Mapping[str, str]) -> Iterator[Problem]:
+        """Parts of a range need the range of each such joint, and joints without them need none."""
+        found = self._entry.get("range", {})
+        partial = [joint for joint, unit in named.items() if unit in RANGE_UNITS]
+        missing = [joint for joint in partial if joint not in found]
+        if missing:
+            message = (
+                f"missing the range of {', '.join(missing)}: positions at both ends, rad (m if it slides)"
+            )
+            yield self._problem("range", message, ("range: {JOINT: [-1.9, 1.9]}",))
+        for joint in found:
+            if joint not in partial:
+                yield self._problem("range", f"'{joint}' is not given in parts of a range", at="key")
+            elif found[joint][0] == found[joint][1]:
+                yield self._problem("range", f"the range of '{joint}' has no width")
+        if partial and self._motor:
+            yield self._problem("side", "parts of a range are at the joints", ("joint",))
+        if partial and set(partial) & set(self._entry.get("sign", {})):
+            yield self._problem("sign", "a range that counts the other way has its ends exchanged", at="key")
 
     def _companion(self, key: str, *, needed: bool) -> Iterator[Problem]:
         """A key that some units need, and that has no effect with the others."""

@@ -10,6 +10,7 @@ from typing import Any
 from impedance_modules.episode.columns import JOINT_KINDS
 from impedance_modules.episode.imports.import_map import (
     COUNTS,
+    RANGE_UNITS,
     TIME_UNITS,
     Decimation,
     ImportMap,
@@ -18,6 +19,7 @@ from impedance_modules.episode.imports.import_map import (
     TableMap,
     TextLayout,
     TimeColumn,
+    range_line,
     transmission_matrix,
     unit_factors,
 )
@@ -139,15 +141,18 @@ def _quantity(
     motor = entry.get("side") == "motor"
     gain = entry.get("gain", 1.0)
     scale = {}
+    offset = {joint: float(value) for joint, value in entry.get("offset", {}).items()}
     for joint in columns:
         unit = _of(entry["unit"], joint)
         factor = unit_factors(kind, sliding=joint in prismatic and not motor)[unit]
         if unit == COUNTS:
             factor /= float(_of(entry["counts_per_rev"], joint))
+        if unit in RANGE_UNITS:
+            factor, start = range_line(unit, entry["range"][joint])
+            offset[joint] = offset.get(joint, 0.0) + start
         if not isinstance(gain, str):
             factor *= float(_of(gain, joint))
         scale[joint] = factor * entry.get("sign", {}).get(joint, 1)
-    offset = {joint: float(value) for joint, value in entry.get("offset", {}).items()}
     return MappedQuantity(kind, columns, scale, gain if isinstance(gain, str) else None, motor, offset)
 
 

@@ -21,7 +21,7 @@ from impedance_modules.episode.damage import save_intact, survey
 from impedance_modules.episode.file_format import episode_schema, is_required, write_merged
 from impedance_modules.episode.imports.binary_tables import ParquetTable
 from impedance_modules.episode.imports.convert import MappedTable, blocks, column_order, decimated, map_table
-from impedance_modules.episode.imports.generated_maps import bag_map, recorder_map
+from impedance_modules.episode.imports.generated_maps import map_for
 from impedance_modules.episode.imports.import_map import ImportMap
 from impedance_modules.episode.imports.log_checks import Clock, PlausibilityCheck, SpeedMatch
 from impedance_modules.episode.imports.log_sources import (
@@ -42,7 +42,11 @@ SUFFIX = ".parquet"
 
 
 def import_sources(
-    sources: Sequence[Path], map_path: Path | None, rate: float | None, out: Path
+    sources: Sequence[Path],
+    map_path: Path | None,
+    rate: float | None,
+    out: Path,
+    urdf: Path | None = None,
 ) -> tuple[Imported, ...]:
     """Turns logs into episodes ``OUT/NAME.parquet``.
 
@@ -51,6 +55,7 @@ def import_sources(
         map_path: What the columns mean; None for bags of a shipped robot, joint recorder files and episodes.
         rate: Stated samples per second [Hz], for logs without time.
         out: Directory; episodes that are there already are never overwritten.
+        urdf: Without a map: a description that names the joints of a log which only numbers them.
 
     Returns:
         What became of each recording.
@@ -60,6 +65,8 @@ def import_sources(
     """
     if rate is not None and not (math.isfinite(rate) and rate > 0.0):
         raise BadInput(f"--rate {rate:g}: no sampling rate (valid: above 0 Hz)")
+    if urdf is not None and map_path is not None:
+        raise BadInput(f"--urdf {urdf}: the map says which description counts (valid: 'urdf' in {map_path})")
     _refuse_twice(sources)
     mapping = read_map(map_path) if map_path is not None else None
     recordings = mapped_recordings(sources, mapping) if mapping is not None else plain_recordings(sources)
@@ -68,7 +75,7 @@ def import_sources(
         done = [
             imported
             for recording in recordings
-            for imported in _import_one(recording, mapping, rate, folder / (recording.name + SUFFIX))
+            for imported in _import_one(recording, mapping, rate, folder / (recording.name + SUFFIX), urdf)
         ]
         _refuse_present([imported.path.stem for imported in done], out)
         return tuple(_into_place(imported, out) for imported in done)
@@ -309,24 +316,25 @@ def _metadata(
 
 
 def _import_one(
-    recording: RecordingFiles, mapping: ImportMap | None, rate: float | None, target: Path
+    recording: RecordingFiles, mapping: ImportMap | None, rate: float | None, target: Path, urdf: Path | None
 ) -> tuple[Imported, ...]:
     if mapping is not None:
         return (import_recording(recording, mapping, rate, target),)
     path = recording.paths[0]
-    kind = kind_of(path)
-    if kind in ("run", "parquet"):
+    if kind_of(path) in ("run", "parquet"):
         if rate is not None:
             raise BadInput(
                 f"{path}: it has a time of its own, so --rate {rate:g} has no effect (valid: no --rate)"
             )
         return copy_or_save(path, target)
-    if kind not in ("bag", "text"):
-        what_it_is = "a folder without a recording" if kind == "folder" else "arrays that no map describes"
-        raise BadInput(f"{path}: {what_it_is} (valid: --map FILE, see docs/import.md)")
-    text, notes = bag_map(path) if kind == "bag" else recorder_map(path)
-    own = parse_map(Path(f"{path} (its own map)"), text)
-    own = dataclasses.replace(own, notes=(*own.notes, *notes))
+    found = map_for(path, urdf)
+    if found.missing:
+        raise BadInput(
+            f"{path}: it does not say the {'; nor the '.join(found.missing)} (valid: a map that does; the same command"
+            " with --write-map FILE writes one in which only that is to be stated, for --map FILE)"
+        )
+    own = parse_map(Path(f"{path} (its own map)"), found.text)
+    own = dataclasses.replace(own, notes=(*own.notes, *found.notes))
     return (import_recording(recording, own, rate, target),)
 
 
