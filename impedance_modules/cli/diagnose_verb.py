@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from rich.text import Text
 
+from impedance_modules.cli.next_commands import Asked, next_commands
 from impedance_modules.cli.plain_lines import say
 from impedance_modules.cli.shared_options import held_positions
 from impedance_modules.cli.terminal import Terminal, styled
@@ -92,6 +93,9 @@ def diagnose_command(
     if (robot is None) == (urdf is None):
         raise BadInput("diagnose needs the model to compare: give --robot NAME or --urdf FILE, one of them")
     _refuse_unknown(without)
+    chosen = (("--holdout", holdout), ("--hold", hold), ("--without", without), ("--effects", (effects,)))
+    options = [str(word) for key, values in chosen for value in values if value for word in (key, value)]
+    asked = Asked(logs, robot, urdf, tuple(options), json_path)
     logs, holdout = episode_paths(logs), episode_paths(holdout)
     read = read_recordings([*logs, *holdout])
     episodes = [episode for found in read for episode in found]
@@ -115,9 +119,12 @@ def diagnose_command(
                 )
         except InsufficientData as error:
             found = insufficient(model.robot, [episode.name for episode in episodes], str(error))
-    _write(found, json_path, report, patch)
+    commands = next_commands(asked, found.next_motion)
+    _write(found, json_path, report, patch, commands)
     _write_recording(found, recording)
     print_diagnosis(found, console)
+    for command in commands:
+        console.print(styled("  {}", command), soft_wrap=True)
     return found.exit_code
 
 
@@ -167,7 +174,13 @@ def _applied(effects: Path | None, model: NominalModel) -> tuple[EffectSpec, ...
     return patch.effects
 
 
-def _write(found: Diagnosis, json_path: Path | None, report: Path | None, patch: Path | None) -> None:
+def _write(
+    found: Diagnosis,
+    json_path: Path | None,
+    report: Path | None,
+    patch: Path | None,
+    commands: Sequence[str],
+) -> None:
     from impedance_modules.diagnosis.report.diagnosis_files import diagnosis_object
 
     if json_path is None and report is None and patch is None:
@@ -178,7 +191,7 @@ def _write(found: Diagnosis, json_path: Path | None, report: Path | None, patch:
     if report is not None:
         from impedance_modules.diagnosis.report.html_report import html_report
 
-        _save(report, html_report(found, answer))
+        _save(report, html_report(found, answer, commands))
     if patch is not None:
         from impedance_modules.diagnosis.report.diagnosis_files import patch_text
 
@@ -241,6 +254,9 @@ WORDS = {
 
 def print_diagnosis(found: Diagnosis, console: Console) -> None:
     """Prints verdict, gaps, causes, remainder and the next motion."""
+    from impedance_modules.diagnosis.report.diagnosis_files import swallowed_object
+    from impedance_modules.diagnosis.report.sentences import swallowed_sentences
+
     console.print(styled("[bold]{}[/bold]: {}", found.verdict, WORDS[found.verdict]))
     if found.reason:
         console.print(found.reason)
@@ -256,6 +272,9 @@ def print_diagnosis(found: Diagnosis, console: Console) -> None:
     if found.small:
         console.print(f"small, within {100.0 * found.tolerance:.3g} % of the joints' torque ranges:")
         _print_causes(found.small, console)
+    said = swallowed_sentences(swallowed_object(found.swallowed))
+    if said:
+        console.print(styled("taken up by stated deviations: {}", "; ".join(said)))
     _print_rollouts(found, console)
     if found.remainder.structure:
         console.print(f"remainder: {found.remainder.structure}")

@@ -33,6 +33,7 @@ from impedance_modules.diagnosis.model_selection.conclusion import (
 )
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.model_selection.naming import without_negligible, without_rejected
+from impedance_modules.diagnosis.model_selection.swallowed import swallowed_by_priors
 from impedance_modules.diagnosis.model_selection.tolerance import set_small_aside
 from impedance_modules.diagnosis.residuals.band import choose_cutoff, filter_length, least_duration
 from impedance_modules.diagnosis.residuals.contact_mask import (
@@ -115,7 +116,8 @@ def _concluded(
     causes = causes_of_model(evidence)
     said = (*report.warnings, *notes, *compensation_note(evidence.prepared, causes))
     progress("concluding")
-    return conclude(evidence, causes, model, replace(report, warnings=said))
+    found = conclude(evidence, causes, model, replace(report, warnings=said))
+    return replace(found, swallowed=swallowed_by_priors(evidence))
 
 
 def _long_enough(split: DataSplit, prepared: tuple[Prepared, ...]) -> tuple[DataSplit, tuple[Prepared, ...]]:

@@ -32,6 +32,7 @@ class Diagnosis:
 
     ``tolerance`` is the share of joints' torque ranges within which a gap does not matter; ``small`` are the causes of
     a gap that is within it and changes no simulated motion, most explaining first. They are in no patch.
+    ``swallowed`` is what was fitted within priors beside the causes; None without a fit.
     """
 
     verdict: str
@@ -51,11 +52,61 @@ class Diagnosis:
     series: tuple[ResidualSeries, ...]
     tolerance: float = 0.0
     small: tuple[Cause, ...] = ()
+    swallowed: Swallowed | None = None
 
     @property
     def exit_code(self) -> int:
         """Of the command line."""
         return EXIT_CODES[self.verdict]
+
+
+@dataclass(frozen=True)
+class Adjustment:
+    """A number that was fitted within its prior: its change in ``unit``, and its size in deviations of the prior.
+
+    Of a link ``value`` is the change of its mass, and ``deviations`` the largest of its ten inertial parameters.
+    """
+
+    value: float
+    unit: str
+    deviations: float
+
+
+@dataclass(frozen=True)
+class HandMass:
+    """A point mass on a link that makes a share of the torque that the links' prior swallowed.
+
+    Attributes:
+        link: Outermost link; the mass is at its centre of mass.
+        mass: [kg]; negative where less mass would do the same.
+        share: Of the swallowed torque's power.
+    """
+
+    link: str
+    mass: float
+    share: float
+
+
+@dataclass(frozen=True)
+class Swallowed:
+    """What was fitted within priors, and is no finding.
+
+    Attributes:
+        links: Link -> change of its mass, and its largest deviation.
+        weights: Largest deviation of the weights that the robot compensates.
+        times: ``commands``, ``efforts``, ``velocities`` -> how much later they were stamped; those that were fitted.
+        hand: The mass in the hand that would do about the same as the links' change; None if none does.
+    """
+
+    links: Mapping[str, Adjustment]
+    weights: float
+    times: Mapping[str, Adjustment]
+    hand: HandMass | None
+
+    @property
+    def largest(self) -> float:
+        """Largest deviation of a link."""
+        return max((link.deviations for link in self.links.values()), default=0.0)
 
 
 @dataclass(frozen=True)

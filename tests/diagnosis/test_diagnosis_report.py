@@ -1,8 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What a diagnosis writes for people: one HTML file, a recording for the viewer, the terminal's summary."""
 
+import base64
+import hashlib
+import html
 import json
 import re
+import shlex
 from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
@@ -11,8 +15,11 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from impedance_modules.diagnosis.report.diagnosis_files import spectrum_object
+from impedance_modules.cli.next_commands import Asked, next_commands
+from impedance_modules.diagnosis.diagnose import insufficient
+from impedance_modules.diagnosis.report.diagnosis_files import diagnosis_object, spectrum_object
 from impedance_modules.diagnosis.report.html_elements import number, percent, table
+from impedance_modules.diagnosis.report.html_report import html_report
 from impedance_modules.diagnosis.report.report_plots import thinned
 from impedance_modules.diagnosis.result import ResidualSeries
 from impedance_modules.episode.residual_view import ResidualCurves
@@ -22,8 +29,8 @@ from tests.diagnosis import test_diagnosis as pendulum
 from tests.support.commands import invoke, python, refusal
 
 SECTIONS = (
-    "The data", "How large", "Where", "Causes", "Before and after, over time", "Simulated again", "What is left",
-    "What to record next", "Patch", "The numbers",
+    "The data", "How large", "Where", "Causes", "What the stated deviations took up", "Before and after, over time",
+    "Simulated again", "What is left", "What to record next", "Patch",
 )  # fmt: skip
 
 
@@ -38,12 +45,22 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     return folder, invoke("diagnose", folder, "--urdf", folder / "robot.urdf", *options).output
 
 
+@pytest.fixture(scope="module")
+def calm(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """The same where nothing is wrong but a friction that is too small to matter."""
+    folder = tmp_path_factory.mktemp("calm")
+    pendulum.record(folder, "little friction")
+    (folder / "robot.urdf").write_text(pendulum.URDF)
+    files = ["--json", folder / "a.json", "--report", folder / "a.html"]
+    return folder, invoke("diagnose", folder, "--urdf", folder / "robot.urdf", *files).output
+
+
 class Page(HTMLParser):
     """Balance of elements, headings, and the cells that hold numbers."""
 
     def __init__(self, text: str) -> None:
         super().__init__()
-        self.open, self.headings, self.cells, self.links = [], [], [], []
+        self.open, self.headings, self.cells, self.links, self.words = [], [], [], [], []
         self._cell = False
         self.feed(text)
 
@@ -63,6 +80,8 @@ class Page(HTMLParser):
     def handle_data(self, data: str) -> None:
         if self._cell:
             self.cells.append(data)
+        if self.open and self.open[-1] not in ("script", "style"):
+            self.words.append(data)
         if self.open and self.open[-1] == "h2":
             self.headings.append(data)
 
@@ -87,11 +106,64 @@ def test_the_report_is_whole_and_needs_no_network(written: tuple[Path, str]) -> 
     assert page.open == []
     assert tuple(page.headings) == SECTIONS
     assert all(link.startswith(("#", "data:image/png;base64,")) for link in page.links)
-    assert "@import" not in text and "url(http" not in text and "<script" not in text
+    assert "@import" not in text and "url(http" not in text and text.count("<script>") == 1
     assert "width=device-width" in text and "@media print" in text
     assert text.count("<svg") >= 7
-    patch = (written[0] / "a.yaml").read_text().splitlines()
-    assert "lost because" in text and patch[3] in text.replace("&quot;", '"')
+    assert "lost because" in text
+
+
+RAW = re.compile(r"[{}]|\['|: None|\bNone\b|\bnan\b|array\(|\w+\(\w+=|\"\w+\":")
+"""What a data structure of a program looks like: braces, lists of quoted words, Python's words, JSON's keys."""
+
+
+def test_no_raw_data_structure_is_in_a_page(written: tuple[Path, str], calm: tuple[Path, str]) -> None:
+    for folder in (written[0], calm[0]):
+        words = "\n".join(Page((folder / "a.html").read_text()).words)
+        assert RAW.search(words) is None, RAW.findall(words)
+
+
+def test_a_page_without_a_gap_says_so_calmly(calm: tuple[Path, str]) -> None:
+    page = Page((calm[0] / "a.html").read_text())
+    assert page.open == []
+    assert tuple(page.headings) == (
+        "What would have been seen", "Too small to matter", "What the stated deviations took up",
+        "What is left, over time", "Simulated again", "The data", "What to record next",
+    )  # fmt: skip
+    words = " ".join(page.words)
+    assert "Nothing is wrong." in words and "Nothing is needed." in words
+    assert "5 recordings of 2 joints were compared" in words
+    assert "coulomb_friction on elbow" in words and "impedance probe" not in words
+
+
+def test_plots_can_be_zoomed_by_the_pages_own_script_alone(written: tuple[Path, str]) -> None:
+    """The policy names the hash of the very script in the page; every plot has what the script changes."""
+    text = (written[0] / "a.html").read_text()
+    script = text[text.index("<script>") + len("<script>") : text.index("</script>")]
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    assert f"script-src 'sha256-{digest}'" in text and "default-src 'none'" in text
+    assert text.index("Content-Security-Policy") < text.index("<script>")
+    assert not re.search(r"\son[a-z]+=", re.sub(r"<script>.*</script>", "", text, flags=re.DOTALL))
+    plots = re.findall(r"<svg [^>]*>", text)
+    assert len(plots) >= 7 and all("viewBox=" in plot and "aria-label=" in plot for plot in plots)
+
+
+def test_what_to_record_next_comes_with_its_commands(tmp_path: Path) -> None:
+    more = ["--urdf", tmp_path / "robot.urdf", "--hold", "elbow=0.1"]
+    asked = Asked((tmp_path,), None, tmp_path / "robot.urdf", ("--hold", "elbow=0.1"), None)
+    found = next_commands(asked, {"purpose": "tell payload, torque_gain apart", "joints": ["elbow"]})
+    first, second, third = (shlex.split(command) for command in found)
+    assert first == ["impedance", "diagnose", str(tmp_path), *map(str, more), "--json", "answer.json"]
+    assert second[:3] == ["impedance", "probe", "answer.json"]
+    assert third[:2] == ["impedance", "diagnose"] and "--hold" in third
+    assert next_commands(asked, {"purpose": "none needed"}) == ()
+    short = insufficient("robot", ["run"], "too short")
+    page = html_report(short, diagnosis_object(short), found)
+    assert all(html.escape(command) in page for command in found)
+    run = Asked((Path("a b.parquet"),), "baxter", None, (), Path("x.json"))
+    probe, record, diagnose = next_commands(run, {"purpose": "tell a cause at all"})
+    assert probe == "impedance probe x.json --robot baxter --out probe"
+    assert record == "impedance run probe/probe.yaml --out runs/probe"
+    assert diagnose == "impedance diagnose 'a b.parquet' runs/probe --robot baxter --json x.json"
 
 
 def test_every_number_in_a_table_of_the_report_is_in_the_json(written: tuple[Path, str]) -> None:

@@ -26,6 +26,7 @@ from impedance_modules.diagnosis.result import (
     Rival,
     Rollout,
     RolloutError,
+    Swallowed,
 )
 from impedance_modules.effects.catalogue import CATALOGUE
 
@@ -65,6 +66,7 @@ def diagnosis_object(diagnosis: Diagnosis) -> dict[str, Any]:
         "causes": [_cause(cause) for cause in diagnosis.causes],
         "small": [_cause(cause) for cause in diagnosis.small],
         "tolerance": diagnosis.tolerance,
+        "swallowed": swallowed_object(diagnosis.swallowed),
         "unexplained_weight": diagnosis.unexplained_weight,
         "remainder": {
             "lack_of_fit": _number(diagnosis.remainder.lack_of_fit),
@@ -88,6 +90,27 @@ def per_joint(gaps: Sequence[JointGap]) -> dict[str, dict[str, Any]]:
     return {
         joint: {**_gap(gap), "shrink": _number(gap.shrink), "port": gap.residual}
         for joint, gap in out.items()
+    }
+
+
+def swallowed_object(swallowed: Swallowed | None) -> dict[str, Any] | None:
+    """Builds the JSON object of what was fitted within priors; null without a fit."""
+    if swallowed is None:
+        return None
+    hand = swallowed.hand
+    return {
+        "links": {
+            name: {"mass": a.value, "unit": a.unit, "deviations": a.deviations}
+            for name, a in swallowed.links.items()
+        },
+        "weights": {"deviations": swallowed.weights},
+        "times": {
+            name: {"later": a.value, "unit": a.unit, "deviations": a.deviations}
+            for name, a in swallowed.times.items()
+        },
+        "hand": None
+        if hand is None
+        else {"link": hand.link, "mass": hand.mass, "unit": "kg", "share": hand.share},
     }
 
 

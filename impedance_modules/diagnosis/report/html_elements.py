@@ -45,6 +45,12 @@ def bullets(sentences: Sequence[str]) -> str:
     return f"<ul>{items}</ul>" if items else ""
 
 
+def command_lines(commands: Sequence[str]) -> str:
+    """Commands to type, a line each; nothing where there are none."""
+    lines = "\n".join(text(command) for command in commands)
+    return f"<pre class='commands'>{lines}</pre>" if lines else ""
+
+
 def table(head: Sequence[str], rows: Sequence[Sequence[str]], numbers: Sequence[int] = ()) -> str:
     """A table of plain texts that scrolls on a narrow screen.
 
@@ -77,7 +83,7 @@ def drawing(figure: Figure, caption: str) -> str:
     with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "impedance_modules"}):
         figure.savefig(buffer, format="svg", metadata={"Date": None})
     svg = printable(buffer.getvalue(), lines=True)
-    svg = svg[svg.index("<svg") :].replace("<svg ", "<svg role='img' ", 1)
+    svg = svg[svg.index("<svg") :].replace("<svg ", f"<svg role='img' aria-label='{text(caption)}' ", 1)
     return f"<figure>{svg}<figcaption>{text(caption)}</figcaption></figure>"
 
 
@@ -115,6 +121,11 @@ h3{font-size:1rem;margin:1.2rem 0 .3rem}
 .card span{color:#555;font-size:.85rem}
 .gallery{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,24rem),1fr));gap:.8rem}
 figure{margin:.5rem 0}
+.calm{background:#eef7f3;border-radius:.6rem;padding:.6rem 1.2rem 1rem;margin:1rem 0}
+.calm .lead{font-size:1.6rem;font-weight:600;margin:.4rem 0}
+.hint{color:#555;font-size:.85rem}
+figure svg:focus{outline:2px solid #0072b2;outline-offset:2px}
+svg.zoomed{cursor:grab;touch-action:none}
 figcaption{color:#555;font-size:.85rem}
 svg{max-width:100%;height:auto}
 .wide{overflow-x:auto}
@@ -124,5 +135,5 @@ th{background:#f6f6f6;font-weight:600}
 .n{text-align:right;font-variant-numeric:tabular-nums;white-space:nowrap}
 pre{overflow:auto;background:#f6f6f6;padding:.8rem;font-size:.8rem;line-height:1.35}
 @media print{body{max-width:none;padding:0;font-size:10.5pt}section,figure,tr{break-inside:avoid}
-.gallery{grid-template-columns:1fr 1fr}pre{white-space:pre-wrap;overflow:visible}details:not([open]){display:none}}
+.gallery{grid-template-columns:1fr 1fr}pre{white-space:pre-wrap;overflow:visible}p.hint{display:none}}
 """

@@ -3,18 +3,17 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from impedance_modules.diagnosis.report.diagnosis_files import patch_text
 from impedance_modules.diagnosis.report.html_elements import (
     AFTER,
     STYLE,
     VERDICT_COLOURS,
     bullets,
+    command_lines,
     drawing,
     new_figure,
     number,
@@ -31,6 +30,8 @@ from impedance_modules.diagnosis.report.report_plots import (
     regime_map,
     rollout_section,
 )
+from impedance_modules.diagnosis.report.sentences import swallowed_sentences
+from impedance_modules.diagnosis.report.zoom import HINT, SCRIPT, policy
 from impedance_modules.diagnosis.result import Diagnosis
 
 SENTENCES = {
@@ -42,8 +43,18 @@ SENTENCES = {
     "insufficient_data": "The recordings do not suffice to tell.",
 }
 
+SEEN = (
+    "The noise is what each comparison cannot see below: a torque that is several times larger and follows the motion"
+    " would have been found."
+)
+
+SWALLOWED = (
+    "Masses, inertias and stamps are not known exactly; within a stated deviation the fit may change them, and that is"
+    " no finding."
+)
+
 MOST_PLACES = 12
-"""Places of the gap that a table lists; all of them are in the map and in the numbers."""
+"""Places of the gap that a table lists; all of them are in the map and in the JSON."""
 
 NORMAL_95 = 1.96
 """Standard deviations on either side that hold 95 % of a normal distribution."""
@@ -61,21 +72,89 @@ WIDE = 100.0
 """Half an interval, in % of the value, beyond which a number is not significantly different from zero and not drawn."""
 
 
-def html_report(found: Diagnosis, answer: dict[str, Any]) -> str:
-    """Builds the report from the JSON object, so that every number in it is there; curves come from the diagnosis."""
+def html_report(found: Diagnosis, answer: dict[str, Any], commands: Sequence[str] = ()) -> str:
+    """Builds the report from the JSON object, so that every number in it is there; curves come from the diagnosis.
+
+    Args:
+        found: The diagnosis.
+        answer: Its JSON object.
+        commands: What to type in order to record and use the next motion.
+    """
+    parts = _calm(found, answer) if answer["verdict"] == "no_gap" else _findings(found, answer)
+    parts.append(_next(answer["next_motion"], commands))
+    if answer["verdict"] != "no_gap":
+        parts.append(_patch(answer["patch"]))
+    title = f"Diagnosis of {text(answer['robot'])}"
+    view = "<meta name='viewport' content='width=device-width,initial-scale=1'>"
+    top = f"<!doctype html><html lang='en'><head><meta charset='utf-8'>{policy()}{view}<title>{title}</title>"
+    drawn = any("<svg" in part for part in parts)
+    hint, script = (paragraph(HINT, "hint"), f"<script>{SCRIPT}</script>") if drawn else ("", "")
+    body = f"<h1>{title}</h1>{parts[0]}{hint}{''.join(parts[1:])}"
+    return f"{top}<style>{STYLE}</style></head><body>{body}{script}</body></html>\n"
+
+
+def _findings(found: Diagnosis, answer: dict[str, Any]) -> list[str]:
+    """Sections of a diagnosis with a gap, or without enough data."""
     parts = [_head(answer), _data(answer["data"])]
     if found.series:
         parts += [_how_large(answer["gap"]), _where(answer)]
         parts.append(cause_sections(answer["causes"], answer["unexplained_weight"]))
         parts.append(small_section(answer["small"], answer["tolerance"]))
+        parts.append(swallowed_section(answer["swallowed"]))
         parts.append(section("Before and after, over time", over_time(found.series)))
         parts.append(rollout_section(answer["gap"]["rollout"], found.rollout.traces))
         parts.append(_left(answer["remainder"]))
-    parts += [_next(answer["next_motion"]), _patch(answer["patch"]), _numbers(answer)]
-    title = f"Diagnosis of {text(answer['robot'])}"
-    view = "<meta name='viewport' content='width=device-width,initial-scale=1'>"
-    top = f"<!doctype html><html lang='en'><head><meta charset='utf-8'>{view}<title>{title}</title>"
-    return f"{top}<style>{STYLE}</style></head><body><h1>{title}</h1>{''.join(parts)}</body></html>\n"
+    return parts
+
+
+def _calm(found: Diagnosis, answer: dict[str, Any]) -> list[str]:
+    """Sections where nothing is wrong: what was looked at, how much would have been seen, and what is small."""
+    gap, rollout = answer["gap"], answer["gap"]["rollout"]
+    joints = list(dict.fromkeys(g["joint"] for g in gap["per_port"]))
+    looked = (
+        f"{_count(len(answer['data']['episodes']), 'recording')} of {_count(len(joints), 'joint')} were compared with"
+        " the model: nothing differs by more than noise, the links' stated tolerance, and what is too small to matter."
+    )
+    head = (
+        f"<div class='calm'><p class='badge' style='background:{VERDICT_COLOURS['no_gap']}'>no gap</p>"
+        f"<p class='lead'>Nothing is wrong.</p>{paragraph(looked)}</div>"
+    )
+    rows = [
+        [g["joint"], g["residual"], *(number(g[key]) for key in ("after", "noise_floor")), g["unit"]]
+        for g in gap["per_port"]
+    ]
+    seen = table(("joint", "residual", "what is left", "noise", "unit"), rows, numbers=(2, 3))
+    parts = [head, section("What would have been seen", paragraph(SEEN), seen)]
+    parts.append(small_section(answer["small"], answer["tolerance"]))
+    parts.append(swallowed_section(answer["swallowed"]))
+    if found.series:
+        parts.append(section("What is left, over time", over_time(found.series)))
+    if rollout["windows"]:
+        parts.append(rollout_section(rollout, found.rollout.traces))
+    parts.append(_data(answer["data"]))
+    return parts
+
+
+def _count(number_of: int, word: str) -> str:
+    return f"{number_of} {word}{'' if number_of == 1 else 's'}"
+
+
+def swallowed_section(swallowed: dict[str, Any] | None) -> str:
+    """What was fitted within priors; nothing without a fit."""
+    if swallowed is None:
+        return ""
+    said = swallowed_sentences(swallowed)
+    words = paragraph(SWALLOWED if said else f"{SWALLOWED} They took up less than one deviation here.")
+    rows = [
+        [name, number(a["mass"]), a["unit"], number(a["deviations"])]
+        for name, a in swallowed["links"].items()
+    ]
+    rows += [
+        [f"{kind}, stamped later", number(a["later"]), a["unit"], number(a["deviations"])]
+        for kind, a in swallowed["times"].items()
+    ]
+    listed = table(("link, or stamp", "change", "unit", "deviations"), rows, numbers=(1, 3))
+    return section("What the stated deviations took up", words, bullets(said), listed)
 
 
 def _head(answer: dict[str, Any]) -> str:
@@ -197,7 +276,7 @@ def small_section(causes: Sequence[dict[str, Any]], tolerance: float) -> str:
     words = (
         f"Within {percent(tolerance)} of each joint's torque range, and no change of the simulated motion."
     )
-    return section("Small", paragraph(words), *(_cause(cause) for cause in causes))
+    return section("Too small to matter", paragraph(words), *(_cause(cause) for cause in causes))
 
 
 def _place(cause: dict[str, Any]) -> str:
@@ -210,30 +289,39 @@ def _left(remainder: dict[str, Any]) -> str:
     return section("What is left", paragraph(f"{fits} {lack}"), paragraph(remainder["structure"]))
 
 
-def _next(motion: dict[str, Any]) -> str:
-    rows = [
-        [key.replace("_", " "), _plain(value)] for key, value in motion.items() if value not in ("", [], None)
-    ]
-    return section("What to record next", table(("", ""), rows))
-
-
-def _plain(value: object) -> str:
-    return ", ".join(map(str, value)) if isinstance(value, list) else str(value)
+def _next(motion: dict[str, Any], commands: Sequence[str]) -> str:
+    """The motion in words, its start as a table, and the commands; a sentence where none is needed."""
+    if motion.get("purpose", "none needed") in ("", "none needed"):
+        return section("What to record next", paragraph("Nothing is needed."))
+    joints = ", ".join(motion.get("joints", []))
+    rows = [["to", motion["purpose"]], ["joints", joints], ["motion", motion.get("excitation", "")]]
+    start = [[joint, number(position)] for joint, position in motion.get("start", {}).items()]
+    return section(
+        "What to record next",
+        table(("", ""), [row for row in rows if row[1]]),
+        table(("start about", "position"), start, numbers=(1,)),
+        paragraph("Commands that make this motion, and use it:") if commands else "",
+        command_lines(commands),
+    )
 
 
 def _patch(patch: dict[str, Any] | None) -> str:
+    """What a patch holds, effect by effect; a sentence where there is none."""
     if patch is None:
         return section(
             "Patch", paragraph("None: no effect shrank the held-out gap, or the verdict allows none.")
         )
-    return section("Patch", f"<pre>{text(patch_text(patch))}</pre>")
-
-
-def _numbers(answer: dict[str, Any]) -> str:
-    body = text(json.dumps(answer, indent=1))
-    return section(
-        "The numbers", f"<details><summary>Everything, as JSON</summary><pre>{body}</pre></details>"
+    rows = [
+        [effect["effect"], key, effect["port"], symbol, number(e["value"], 5), e["unit"]]
+        for effect in patch["effects"]
+        for key, symbols in effect["parameters"].items()
+        for symbol, e in symbols.items()
+    ]
+    words = (
+        "Applied to plant and model by `run --effects` and `diagnose --effects`; --patch F.yaml writes it."
     )
+    head = ("effect", "on", "port", "symbol", "value", "unit")
+    return section("Patch", paragraph(words), table(head, rows, numbers=(4,)))
 
 
 def _cause(cause: dict[str, Any]) -> str:

@@ -47,6 +47,7 @@ def bars(gaps: Sequence[dict[str, Any]]) -> str:
         axes.plot([gap["noise_floor"]] * 2, [row - 0.42, row + 0.42], color="black", linewidth=1.2)
     axes.plot([], [], color="black", linewidth=1.2, label="noise floor")
     axes.set_xscale("log")
+    plain_powers(axes.xaxis)
     axes.set_yticks(place, [f"{gap['joint']}, {gap['residual']} [{gap['unit']}]" for gap in gaps])
     axes.invert_yaxis()
     axes.set_xlabel("rms of the held-out residual")
