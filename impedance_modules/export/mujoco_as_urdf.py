@@ -30,6 +30,7 @@ from impedance_modules.export.mujoco_model import ONE_AXIS, MujocoDescription
 from impedance_modules.robot.rotation import exp3
 from impedance_modules.spec.located_xml import parse_xml
 from impedance_modules.spec.robot_spec import UPRIGHT_GRAVITY
+from impedance_modules.spec.urdf import MOST_LINKS
 
 MAKERS = ("replicate", "composite", "flexcomp", "attach", "plugin", "flex")
 """Elements of which MuJoCo makes bodies that do not stand in the file."""
@@ -70,6 +71,9 @@ def urdf_of_mujoco(path: Path) -> MujocoLinks:
     """
     model = MujocoDescription(path)
     _refuse_silent_changes(model)
+    if (count := sum(element.tag in ("body", "frame") for element in model.root.iter())) > MOST_LINKS:
+        model.faults.add(model.root, f"{count} bodies and frames (valid: at most {MOST_LINKS})")
+        raise BadFile(model.faults.problems)
     tree = _Tree(model)
     for world in model.root.findall("worldbody"):
         tree.contents(world, "world", (np.eye(3), np.zeros(3)))

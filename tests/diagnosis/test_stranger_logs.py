@@ -346,6 +346,23 @@ def test_a_motors_torque_without_its_gear_is_no_effect(tmp_path, urdf):
     assert "gear" in said and "valid:" in said
 
 
+def test_a_low_pass_sees_no_turns(tmp_path, urdf):
+    """An angle that is counted from zero again after each turn is made whole before samples are left out."""
+    time = np.arange(3000) / 1000.0
+    angle = 4.0 * np.sin(0.8 * time) + 1.0
+    q = np.column_stack([np.angle(np.exp(1j * angle)), 0.3 * np.sin(time)])
+    write_table(tmp_path / "run.csv", ["t", "q1", "q2"], time, q, form="%.12g")
+    table = {"separator": "comma", "header": True, "time": {"column": "t", "unit": "s"}}
+    table["position"] = {"columns": "q{index}", "unit": "rad"}
+    data = base_map(tables=[table], decimate={"keep_every": 10, "low_pass": 20})
+    del data["effort_source"]
+    target = write_map(tmp_path, data)
+    said = invoke("import", tmp_path / "run.csv", "--map", target, "--out", tmp_path / "out").output
+    assert "position.shoulder jumps by a turn" in said
+    found = read_episode(tmp_path / "out" / "run.parquet")
+    np.testing.assert_allclose(found.position["shoulder"][20:-20], angle[::10][20:-20], atol=1e-4)
+
+
 GANTRY = """<robot name="gantry"><link name="base"/><link name="carriage"><inertial><mass value="6"/>
 <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
 <joint name="rail" type="prismatic"><parent link="base"/><child link="carriage"/><axis xyz="1 0 0"/>

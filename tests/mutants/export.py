@@ -65,13 +65,13 @@ MUTANTS = (
     (MUJOCO, "numbers(model.numbers(joint, \"range\", (0.0, 0.0)) + offset)", "numbers(model.numbers(joint, \"range\", (0.0, 0.0)))"),
     (MUJOCO, "(\"servo gains\", \"torque limit\")", "(\"servo gains\", \"drive lag\")"),
     # MuJoCo: bodies, base
-    (BODIES, "R @ np.diag(_sized(model, inertial, \"diaginertia\", (0.0,) * 3)) @ R.T", "np.diag(_sized(model, inertial, \"diaginertia\", (0.0,) * 3))"),
+    (BODIES, "R @ np.diag(sized(model, inertial, \"diaginertia\", (0.0,) * 3)) @ R.T", "np.diag(sized(model, inertial, \"diaginertia\", (0.0,) * 3))"),
     (BODIES, "I[0, 1], I[0, 2], I[1, 2]", "I[0, 1], I[1, 2], I[0, 2]"),
     (BODIES, "2.0 * math.atan2(math.hypot(*v), w)", "math.atan2(math.hypot(*v), w)"),
     (BODIES, "unit * angle)", "angle)"),
     (BODIES, "y = _unit(axes[3:] - (axes[3:] @ x) * x)", "y = _unit(axes[3:])"),
     (BODIES, "out @ one if letter.islower() else one @ out", "out @ one"),
-    (BODIES, "lean.T @ _sized", "lean @ _sized"),
+    (BODIES, "lean.T @ sized", "lean @ sized"),
     # MuJoCo: what a model says
     (MODEL, "in_degrees and self.joint_type(joint) == \"hinge\"", "in_degrees"),
     (MODEL, "return found[-1] if found else None", "return found[0] if found else None"),

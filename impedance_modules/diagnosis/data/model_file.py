@@ -67,6 +67,7 @@ def compared_model(
     _refuse_missing(path)
     with as_urdf(path) as (urdf, mujoco):
         facts = read_urdf(urdf)
+        _check_recorded(path, facts, recorded)
         _check_held(path, facts, recorded, held)
         follows = _following(facts, recorded, held)
         still = {**held, **follows}
@@ -141,6 +142,15 @@ def _vector(element: ET.Element | None, key: str, default: str = "0 0 0") -> Arr
     return np.array(
         [float(word) for word in (default if element is None else element.get(key, default)).split()]
     )
+
+
+def _check_recorded(path: Path, facts: UrdfFacts, recorded: Mapping[str, float]) -> None:
+    movable = tuple(name for name, joint in facts.joints.items() if joint.moves)
+    for joint in recorded:
+        if joint not in movable:
+            raise BadInput(
+                f"{path}: no moving joint '{joint}'{nearest(joint, movable)} (valid: {', '.join(movable)})"
+            )
 
 
 def _check_held(

@@ -20,6 +20,7 @@ from impedance_modules.episode.imports.import_map import (
     efforts_at_joints,
     positions_at_joints,
 )
+from impedance_modules.episode.imports.log_checks import TURN, is_wrap
 from impedance_modules.episode.imports.table import (
     CHUNK_ROWS,
     Block,
@@ -142,6 +143,7 @@ def decimated(blocks: Iterator[Block], mapping: ImportMap) -> Iterator[Block]:
     if decimation is None:
         yield from blocks
         return
+    blocks = unwrapped(blocks, mapping)
     first = next(blocks, None)
     if first is None:
         return
@@ -163,6 +165,27 @@ def decimated(blocks: Iterator[Block], mapping: ImportMap) -> Iterator[Block]:
         yield window.filtered()
     window.add(_mirrored(window.values[-half - 1 :], head=False))
     yield window.filtered()
+
+
+def unwrapped(blocks: Iterator[Block], mapping: ImportMap) -> Iterator[Block]:
+    """Yields positions without the jumps of angles that are counted from zero again after a turn.
+
+    A low-pass would make a motion of each jump.
+    """
+    turning = [joint_column("position", j) for j in mapping.joints if j not in mapping.prismatic]
+    last: dict[str, float] = {}
+    wrapped_turns: dict[str, float] = {}
+    for block in blocks:
+        columns = dict(block.columns)
+        for name in turning:
+            if name in columns:
+                steps = np.diff(columns[name], prepend=last.get(name, columns[name][0]))
+                turns = np.where(is_wrap(steps), np.round(steps / TURN), 0.0)
+                last[name] = float(columns[name][-1])
+                total = wrapped_turns.get(name, 0.0) + np.cumsum(turns)
+                columns[name] = columns[name] - TURN * total
+                wrapped_turns[name] = float(total[-1])
+        yield Block(block.time, columns, block.places)
 
 
 class _Window:

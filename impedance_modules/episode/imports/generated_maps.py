@@ -15,8 +15,15 @@ import numpy as np
 
 from impedance_modules.episode.columns import TIME
 from impedance_modules.episode.imports.log_sources import kind_of
-from impedance_modules.episode.imports.maker_maps import MakerMap, dataset_map, maker_map
-from impedance_modules.episode.imports.map_checks import facts_of_robot, recognise
+from impedance_modules.episode.imports.maker_maps import (
+    STATE,
+    MakerMap,
+    MappedColumns,
+    dataset_map,
+    maker_map,
+    map_text,
+)
+from impedance_modules.episode.imports.map_checks import facts_of_robot, facts_of_urdf, recognise
 from impedance_modules.episode.imports.table import list_names
 from impedance_modules.episode.imports.text_table import open_text, read_line
 from impedance_modules.errors import BadInput
@@ -42,7 +49,7 @@ def map_for(path: Path, urdf: Path | None) -> MakerMap:
     if kind in ("dataset", "lerobot"):
         return dataset_map(path if kind == "dataset" else path.parent, urdf)
     if kind == "bag":
-        return bag_map(path)
+        return bag_map(path, urdf)
     if kind == "text":
         return text_map(path, urdf)
     what_it_is = "a folder without a recording" if kind == "folder" else "arrays that no map describes"
@@ -81,13 +88,15 @@ def text_map(path: Path, urdf: Path | None) -> MakerMap:
     return MakerMap(_map_text(robot, joints, table, columns, effort_source=None), (), tuple(notes))
 
 
-def bag_map(path: Path) -> MakerMap:
-    """Makes the map of a recording with the joint states of a shipped robot.
+def bag_map(path: Path, urdf: Path | None) -> MakerMap:
+    """Makes the map of a recording with the joint states of a shipped robot, or of one whose description is given.
 
     Raises:
         BadInput: No joint states, of no known robot, or several that could be meant.
     """
     filled, unstamped = _filled_fields(path)
+    if urdf is not None:
+        return _described_map(path, urdf, filled, unstamped)
     topic, robot, notes = _state_topic(path, filled)
     fields = filled[topic]
     joints = [joint for joint in robot.joints if joint in fields["position"]]
@@ -105,6 +114,41 @@ def bag_map(path: Path) -> MakerMap:
     source = _effort_source(path, robot, joints) if "effort" in columns else None
     text = _map_text(robot, joints, [f"time: {{clock: {clock}}}"], columns, effort_source=source)
     return MakerMap(text, (), tuple(notes))
+
+
+def _described_map(
+    path: Path, urdf: Path, filled: Mapping[str, Mapping[str, set[str]]], unstamped: set[str]
+) -> MakerMap:
+    """Makes the map of the topic that lists most joints of a description."""
+    facts = facts_of_urdf(urdf)
+    known = {
+        topic: [joint for joint in facts.joints if joint in fields.get("position", ())]
+        for topic, fields in filled.items()
+    }
+    most = max(map(len, known.values()), default=0)
+    chosen = [topic for topic, joints in known.items() if most and len(joints) == most]
+    if len(chosen) != 1:
+        listed = [f"{topic}: {', '.join(joints[:8]) or 'none'}" for topic, joints in known.items()]
+        raise BadInput(
+            f"{path}: not exactly one topic lists most joints of {urdf} (valid: --map FILE that says which; joints of"
+            f" the description in it: {list_names(listed, 4)})"
+        )
+    joints, fields = known[chosen[0]], filled[chosen[0]]
+    quantities = []
+    for field, (turning, sliding) in _UNITS.items():
+        if fields.get(field, set()).issuperset(joints):
+            units = json.dumps({j: sliding if j in facts.prismatic else turning for j in joints})
+            names = tuple(f"{chosen[0]}.{field}.{joint}" for joint in joints)
+            quantities.append(MappedColumns(field, names, units))
+    missing = ["'gravity_compensation': what held the arm's weight, robot, command or none"]
+    about = {}
+    if quantities[-1].kind == "effort":
+        about["effort_source"] = STATE
+        missing.append("'effort_source': was effort measured between gearbox and link, or at the motor?")
+    clock = "received" if chosen[0] in unstamped else "header"
+    about["gravity_compensation"] = STATE
+    text = map_text(urdf.stem, urdf, joints, about, [f"time: {{clock: {clock}}}"], quantities)
+    return MakerMap(text, tuple(missing), ())
 
 
 def _filled_fields(path: Path) -> tuple[dict[str, dict[str, set[str]]], set[str]]:

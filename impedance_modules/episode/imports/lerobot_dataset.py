@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from impedance_modules.episode.exact_numbers import exact_doubles
@@ -28,6 +29,9 @@ from impedance_modules.strict_json import parse_json
 INFO = Path("meta") / "info.json"
 LARGEST_INFO = 10_000_000
 """Bytes of ``meta/info.json``."""
+
+MOST_EPISODES = 100_000
+"""Episodes of a dataset that is read."""
 
 MOST_ENTRIES = 10_000
 """Entries of all features that are read as columns."""
@@ -105,7 +109,7 @@ class LeRobotTable:
         for file in self._files():
             try:
                 for batch in _batches(file, ["episode_index", *features]):
-                    own = batch.filter(pa.compute.equal(batch["episode_index"], self._episode))
+                    own = batch.filter(pc.equal(batch["episode_index"], self._episode))
                     if not len(own):
                         continue
                     columns = {name: self._column(own, name) for name in wanted}
@@ -125,7 +129,7 @@ class LeRobotTable:
             or pa.types.is_fixed_size_list(values.type)
             or _is_large(values.type)
         ):
-            values = pa.compute.list_element(values, 0 if entry is None else entry)
+            values = pc.list_element(values, 0 if entry is None else entry)
         elif entry not in (None, 0):
             raise BadInput(f"{self.path}: '{feature}' has one number a frame, not what meta/info.json says")
         found: Vector = exact_doubles(self.path, name, values).to_numpy(zero_copy_only=False)
@@ -146,7 +150,7 @@ class LeRobotTable:
         for file in files:
             try:
                 for batch in _batches(file, keys):
-                    rows = batch.filter(pa.compute.equal(batch["episode_index"], self._episode))
+                    rows = batch.filter(pc.equal(batch["episode_index"], self._episode))
                     if len(rows):
                         return int(rows["data/chunk_index"][0].as_py()), int(
                             rows["data/file_index"][0].as_py()
@@ -192,8 +196,10 @@ class _Description:
             columns = dict(_columns(info["features"]))
             if len(columns) > MOST_ENTRIES:
                 raise ValueError(f"{len(columns)} entries (valid: at most {MOST_ENTRIES})")
-            size = int(info.get("chunks_size", 1000))
-            return cls(int(info["total_episodes"]), columns, template == _TEMPLATES[1], max(size, 1))
+            size, count = int(info.get("chunks_size", 1000)), int(info["total_episodes"])
+            if not 0 <= count <= MOST_EPISODES:
+                raise ValueError(f"{count} episodes (valid: at most {MOST_EPISODES})")
+            return cls(count, columns, template == _TEMPLATES[1], max(size, 1))
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise BadInput(f"{path}: no description of a LeRobot dataset: {error}") from error
 

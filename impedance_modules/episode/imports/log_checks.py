@@ -35,6 +35,11 @@ SLACK_SLIDING = 0.1
 
 MEASURED = ("velocity", "effort")
 
+TURN = 2.0 * math.pi
+
+WRAP_TOLERANCE = 1.0
+"""By how much a step from one sample to the next may differ from a whole turn, and still be one [rad]."""
+
 STRETCH = 32
 """Samples whose typical step is compared with that of the whole."""
 
@@ -146,6 +151,12 @@ class Clock:
             )
 
 
+def is_wrap(steps: Vector) -> NDArray[np.bool_]:
+    """Says which steps (rows,) of an angle [rad] are those of one that is counted from zero again after a turn."""
+    found: NDArray[np.bool_] = np.abs(np.abs(steps) - TURN) < WRAP_TOLERANCE
+    return found
+
+
 class PlausibilityCheck:
     """Finds numbers that cannot mean what the map says; takes the blocks of one recording in order.
 
@@ -169,6 +180,7 @@ class PlausibilityCheck:
         self._copied_commands: set[str] | None = None
         self._zero: dict[str, set[str]] = {kind: set(mapping.joints) for kind in MEASURED}
         self._seen: dict[str, set[str]] = {kind: set() for kind in MEASURED}
+        self._wraps: dict[str, tuple[int, int]] = {}
         self._speeds = SpeedMatch(mapping, path, rate_stated=rate_stated)
 
     def take(self, block: Block) -> None:
@@ -177,6 +189,7 @@ class PlausibilityCheck:
             position = block.columns.get(joint_column("position", joint))
             if position is not None:
                 self._take_range(joint, position, block)
+                self._take_wraps(joint, position, block)
         self._compare_with_commands(block.columns)
         self._take_zeros(block.columns)
         self._speeds.take(block)
@@ -189,6 +202,11 @@ class PlausibilityCheck:
         """
         for joint in self._lowest:
             self._check_range(joint)
+        for joint, (count, place) in self._wraps.items():
+            times = "once" if count == 1 else f"{count} times"
+            self.notes.append(
+                f"position.{joint} jumps by a turn {times}, first at {place}: counted on by diagnose"
+            )
         self._refuse_copied_commands()
         self._speeds.finish()
         self._refuse_zeros()
@@ -201,6 +219,12 @@ class PlausibilityCheck:
         self._highest[joint] = max(
             self._highest.get(joint, (-math.inf, 0)), (float(position[high]), int(block.places[high]))
         )
+
+    def _take_wraps(self, joint: str, position: Vector, block: Block) -> None:
+        wraps = np.flatnonzero(is_wrap(np.diff(position)))
+        if joint not in self._mapping.prismatic and len(wraps):
+            count, place = self._wraps.get(joint, (0, int(block.places[wraps[0] + 1])))
+            self._wraps[joint] = count + len(wraps), place
 
     def _compare_with_commands(self, columns: Mapping[str, Vector]) -> None:
         equal = {

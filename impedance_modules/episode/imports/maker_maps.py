@@ -41,8 +41,8 @@ class MakerMap:
 
 
 @dataclass(frozen=True)
-class _Quantity:
-    """Columns of a joint quantity, one for each joint, and its unit."""
+class MappedColumns:
+    """Columns of a joint quantity, one for each joint, and its unit as a map writes it."""
 
     kind: str
     columns: tuple[str, ...]
@@ -89,10 +89,12 @@ def dataset_map(dataset: Path, urdf: Path | None) -> MakerMap:
             f"{dataset}: 'observation.state' names no joints (valid: --map FILE with columns such as"
             f" 'observation.state[1]'; present: {', '.join(columns[:8])})"
         )
-    quantities = [_Quantity("position", tuple(f"observation.state.{name}{suffix}" for name in joints), STATE)]
+    quantities = [
+        MappedColumns("position", tuple(f"observation.state.{name}{suffix}" for name in joints), STATE)
+    ]
     for kind, names in _dataset_quantities(joints, suffix):
         if all(name in columns for name in names):
-            quantities.append(_Quantity(kind, tuple(names), STATE))
+            quantities.append(MappedColumns(kind, tuple(names), STATE))
     missing = [
         "units of its numbers (rad, deg, or normalised -100 to 100 with the range of each joint), which a LeRobot"
         " dataset does not hold",
@@ -102,7 +104,7 @@ def dataset_map(dataset: Path, urdf: Path | None) -> MakerMap:
     if about:
         missing.append("'effort_source': was effort measured between gearbox and link, or at the motor?")
     table = ["time: {column: timestamp, unit: s}"]
-    text = _text(
+    text = map_text(
         _robot_name(urdf, dataset.name),
         urdf,
         joints,
@@ -127,20 +129,20 @@ def _franka_map(path: Path, names: Sequence[str], urdf: Path | None) -> MakerMap
     count = sum(name.startswith("state.q[") for name in names)
     joints, missing = _joints(count, urdf)
     quantities = [
-        _Quantity("position", _numbered("state.q[{}]", count), "rad"),
-        _Quantity("velocity", _numbered("state.dq[{}]", count), "rad/s"),
-        _Quantity("effort", _numbered("state.tau_J[{}]", count), "N.m"),
+        MappedColumns("position", _numbered("state.q[{}]", count), "rad"),
+        MappedColumns("velocity", _numbered("state.dq[{}]", count), "rad/s"),
+        MappedColumns("effort", _numbered("state.tau_J[{}]", count), "N.m"),
     ]
     notes = ["by its header a log of libfranka: tau_J at the joint sensors, the robot adds its weight"]
     commands = _numbered("cmd.tau_J_d[{}]", count)
     if all(name in names for name in commands):
         if _moves(path, commands):
-            quantities.append(_Quantity("effort_command", commands, "N.m"))
+            quantities.append(MappedColumns("effort_command", commands, "N.m"))
         else:
             notes.append("cmd.tau_J_d is 0 throughout, so torque was not commanded; not imported")
     table = ["separator: comma", "header: true", "time: {column: time, unit: ms}"]
     about = {"effort_source": "joint_sensor", "gravity_compensation": "robot"}
-    text = _text(_robot_name(urdf, "franka"), urdf, joints, about, table, quantities)
+    text = map_text(_robot_name(urdf, "franka"), urdf, joints, about, table, quantities)
     return MakerMap(text, missing, tuple(notes))
 
 
@@ -154,14 +156,14 @@ def _rtde_map(names: Sequence[str], separator: str, urdf: Path | None) -> MakerM
         "position_command": ("target_q_{}", "rad"),
     }
     quantities = [
-        _Quantity(kind, columns, unit)
+        MappedColumns(kind, columns, unit)
         for kind, (pattern, unit) in every.items()
         if set(columns := _numbered(pattern, count)) <= set(names)
     ]
     kinds = [quantity.kind for quantity in quantities]
     currents = _numbered("actual_current_{}", count)
     if "effort" not in kinds and set(currents) <= set(names):
-        quantities.append(_Quantity("effort", currents, "A"))
+        quantities.append(MappedColumns("effort", currents, "A"))
         missing = (
             *missing,
             "'gain' of actual_current: the torque at the joint for one ampere, N.m (torque constant times gear ratio)",
@@ -173,7 +175,7 @@ def _rtde_map(names: Sequence[str], separator: str, urdf: Path | None) -> MakerM
         )
     table = [f"separator: {separator}", "header: true", "time: {column: timestamp, unit: s}"]
     about = {"effort_source": "motor"} if any(q.kind == "effort" for q in quantities) else {}
-    text = _text(
+    text = map_text(
         _robot_name(urdf, "ur"), urdf, joints, {**about, "gravity_compensation": "none"}, table, quantities
     )
     return MakerMap(text, missing, tuple(notes))
@@ -222,14 +224,24 @@ def _robot_name(urdf: Path | None, otherwise: str) -> str:
     return otherwise if urdf is None else urdf.stem
 
 
-def _text(
+def map_text(
     robot: str,
     urdf: Path | None,
     joints: Sequence[str],
     about: Mapping[str, str],
     table: Sequence[str],
-    quantities: Sequence[_Quantity],
+    quantities: Sequence[MappedColumns],
 ) -> str:
+    """Writes a map.
+
+    Args:
+        robot: Its name.
+        urdf: Its description, or None.
+        joints: In the order of the columns; none where they are to be stated.
+        about: Further keys and values.
+        table: Rows of the table before its quantities.
+        quantities: Of several of one kind the first counts.
+    """
     lines = ["format: 1", f"robot: {json.dumps(robot)}"]
     if urdf is not None:
         lines.append(f"urdf: {json.dumps(str(urdf.resolve()))}")
