@@ -18,6 +18,7 @@ from impedance_modules.cli.plain_lines import say, say_error
 from impedance_modules.cli.terminal import Terminal, styled
 from impedance_modules.diagnosis.diagnose import insufficient
 from impedance_modules.diagnosis.report.diagnosis_files import diagnosis_object
+from impedance_modules.diagnosis.report.html_elements import drawing, new_figure
 from impedance_modules.diagnosis.report.html_report import cause_sections, html_report
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.episode.run_picture import write_picture
@@ -175,14 +176,16 @@ def hostile_cause() -> dict[str, object]:
     estimate = {"value": 1.0, "std": 0.1, "unit": name}
     rival = {"effect": name, "joints": [name], "lost_because": name}
     return {
-        "effect": name, "joints": [name], "port": name, "weight": 0.5, "shrink": 0.1, "equivalent": [rival],
-        "parameters": {name: {name: estimate}}, "rivals": [rival], "range": {name: {name: [0.0, 1.0]}}, "rollout": None,
+        "effect": name, "joints": [name], "port": name, "place": name, "weight": 0.5, "shrink": 0.1,
+        "equivalent": [rival], "parameters": {name: {name: estimate}}, "rivals": [rival],
+        "range": {name: {name: [0.0, 1.0]}}, "rollout": None,
     }  # fmt: skip
 
 
 def test_a_report_of_hostile_names_holds_no_foreign_element() -> None:
     found = insufficient(MARKUP, [MARKUP, HOSTILE], MARKUP)
-    report = html_report(found, diagnosis_object(found)) + cause_sections([hostile_cause()], 0.5)
+    report = html_report(found, diagnosis_object(found), [MARKUP]) + cause_sections([hostile_cause()], 0.5)
+    report += drawing(new_figure(1.0, 1.0), f"' onload=alert(1) {MARKUP}")
     tags = Tags(report)
     assert not {"script", "img", "link", "iframe"} & tags.found
     assert not {name for name in tags.attributes if name.startswith("on") or name == "src"}

@@ -263,9 +263,12 @@ def cause_sections(causes: Sequence[dict[str, Any]], unexplained: float) -> str:
     """All causes, ranked; a sentence where there is none."""
     if not causes:
         return section("Causes", paragraph("None was found."))
-    weights = [[_place(c), c["effect"], c["port"], percent(c["weight"])] for c in causes]
-    weights.append(["", "not explained", "", percent(unexplained)])
-    head = table(("on", "effect", "port", "weight"), weights, numbers=(3,))
+    weights = [
+        [_carriers(c), c["effect"], c["port"], c["place"].replace("_", " "), percent(c["weight"])]
+        for c in causes
+    ]
+    weights.append(["", "not explained", "", "", percent(unexplained)])
+    head = table(("on", "effect", "port", "place in the chain", "weight"), weights, numbers=(4,))
     return section("Causes", head, *(_cause(cause) for cause in causes))
 
 
@@ -279,7 +282,7 @@ def small_section(causes: Sequence[dict[str, Any]], tolerance: float) -> str:
     return section("Too small to matter", paragraph(words), *(_cause(cause) for cause in causes))
 
 
-def _place(cause: dict[str, Any]) -> str:
+def _carriers(cause: dict[str, Any]) -> str:
     return ", ".join(cause["joints"] or cause["parameters"])
 
 
@@ -329,7 +332,7 @@ def _cause(cause: dict[str, Any]) -> str:
     equal = [[r["effect"], ", ".join(r["joints"])] for r in cause["equivalent"]]
     lost = [[r["effect"], ", ".join(r["joints"]), r["lost_because"]] for r in cause["rivals"]]
     parts = [
-        f"<h3>{text(cause['effect'])} on {text(_place(cause))}</h3>",
+        f"<h3>{text(cause['effect'])} on {text(_carriers(cause))}</h3>",
         paragraph(words),
         _parameters(cause["parameters"]),
         _ranges(cause["range"]),
