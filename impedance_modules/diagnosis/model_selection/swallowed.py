@@ -33,7 +33,7 @@ MOTION = ("link", "motor", "whole")
 
 
 def swallowed_by_priors(evidence: Evidence) -> Swallowed:
-    """Reads what the accepted fit adjusted within its priors."""
+    """Reads what the accepted fit adjusted within its priors; the shape of the velocities' filter is left out."""
     tree = evidence.prepared[0].tree
     found = evidence.model_fit.whole.coefficients[: evidence.design.nuisance.size]
     prior = inertia_prior(tree.inertia)
@@ -49,7 +49,7 @@ def swallowed_by_priors(evidence: Evidence) -> Swallowed:
         weights=float(np.abs(found[size : 2 * size]).max(initial=0.0)),
         times={
             name: Adjustment(float(value * deviation * period), "s", float(abs(value)))
-            for (name, deviation), value in zip(late, found[2 * size :], strict=True)
+            for (name, deviation), value in zip(late, found[2 * size : 2 * size + len(late)], strict=True)
             if value != 0.0
         },
         hand=_hand_mass(evidence, found[:size] * prior),
