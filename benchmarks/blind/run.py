@@ -111,14 +111,14 @@ def run_case(case: Path, selection: Selection, answer: Path) -> dict[str, Any]:
             )
             limit = math.ceil(selection.timeout)
             resource.prlimit(process.pid, resource.RLIMIT_CPU, (limit, limit))
-            status, used, memory = _wait(process, WALL_TIME_FACTOR * selection.timeout)
+            status, used, memory = wait_for(process, WALL_TIME_FACTOR * selection.timeout)
         seconds = time.monotonic() - start
         said = errors.read_text(errors="replace")[-2000:]
     times = {"seconds": seconds, "processor_seconds": used}
     return {"exit": status, **times, "memory_mb": memory, "errors": said}
 
 
-def _wait(process: subprocess.Popen[bytes], timeout: float) -> tuple[int | None, float, float]:
+def wait_for(process: subprocess.Popen[bytes], timeout: float) -> tuple[int | None, float, float]:
     """Waits for a child; kills it when it takes much too long.
 
     Returns:

@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Command line of the wide benchmark: generate, run, score."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+BLOCKS = ("A", "B", "C", "E")
+FROZEN = ("robot", "stamps", "controller", "friction", "noise")
+
+
+@click.group()
+def main() -> None:
+    """Wide benchmark: recordings of many arms, controllers, clocks and sensors; diagnosed; compared with the truth."""
+
+
+@main.command()
+@click.option("--block", "blocks", multiple=True, type=click.Choice(BLOCKS), help="All when left out.")
+@click.option("--seeds", type=click.Choice(["dev", "smoke", "frozen"]), default="dev", show_default=True)
+@click.option("--count", type=click.IntRange(1), help="Cases per block; its full number when left out.")
+@click.option(
+    "--first", type=click.IntRange(0), default=0, show_default=True, help="Number of the first case."
+)
+@click.option(
+    "--frozen", "frozen", multiple=True, type=click.Choice(FROZEN), help="Only with this frozen variety."
+)
+@click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True)
+@click.option("--jobs", type=click.IntRange(1), default=1, show_default=True)
+def generate(
+    blocks: tuple[str, ...],
+    seeds: str,
+    count: int | None,
+    first: int,
+    frozen: tuple[str, ...],
+    out: Path,
+    jobs: int,
+) -> None:
+    """Makes cases that are not there yet, and seals their truth."""
+    from benchmarks.wide.blocks import generate as make_block
+    from benchmarks.wide.blocks import seal_of
+    from benchmarks.wide.cases import COUNTS
+
+    for variety in frozen or (None,):
+        for block in blocks or BLOCKS:
+            sealed = make_block(
+                block,
+                seeds,
+                first,
+                count or COUNTS[block],
+                out,
+                jobs,
+                lambda text: click.echo(text, err=True),
+                variety,
+            )
+            click.echo(f"{seal_of(sealed)}  {sealed}")
+
+
+@main.command()
+@click.option("--out", type=click.Path(path_type=Path, exists=True), required=True)
+@click.option("--block", "blocks", multiple=True, type=click.Choice(BLOCKS), help="All when left out.")
+@click.option("--case", "cases", multiple=True, metavar="NAME", help="All of the blocks when left out.")
+@click.option("--again", is_flag=True, help="Ask again where an answer is kept.")
+@click.option("--answers", type=click.Path(path_type=Path), help="Kept here; OUT/answers when left out.")
+@click.option("--timeout", type=float, default=240.0, show_default=True, help="Processor time per case [s].")
+@click.option("--jobs", type=click.IntRange(1), default=1, show_default=True)
+@click.option("--tolerance", type=float, help="Of `impedance diagnose`; its default when left out.")
+def run(out: Path, answers: Path | None, **selection: Any) -> None:
+    """Diagnoses the cases that have no answer yet."""
+    from benchmarks.wide.run import ANSWERS, Selection, run_all
+
+    run_all(out, answers or out / ANSWERS, Selection(**selection), lambda text: click.echo(text, err=True))
+
+
+@main.command()
+@click.argument("out", type=click.Path(path_type=Path, exists=True))
+@click.option("--answers", type=click.Path(path_type=Path), help="Where they are; OUT/answers when left out.")
+@click.option("--case", metavar="NAME", help="Only print truth and answer of this one.")
+def score(out: Path, answers: Path | None, case: str | None) -> None:
+    """Opens the seals, prints the tables, writes them beside the answers, and lists what was wrong."""
+    from benchmarks.wide.run import ANSWERS
+    from benchmarks.wide.score import score_all, show_case
+
+    folder = answers or out / ANSWERS
+    click.echo(score_all(out, folder) if case is None else show_case(out, folder, case))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Asks `impedance diagnose` about every case, in a folder that holds copies of its recordings and its robot alone."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from benchmarks.blind.run import WALL_TIME_FACTOR, wait_for
+
+ANSWERS, CASES, SEALED = "answers", "cases", "sealed"
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Which cases are asked about: blocks and names (all where empty), ``again``, processor time [s], and how."""
+
+    blocks: tuple[str, ...] = ()
+    cases: tuple[str, ...] = ()
+    again: bool = False
+    timeout: float = 240.0
+    jobs: int = 1
+    tolerance: float | None = None
+
+
+def run_all(out: Path, answers: Path, selection: Selection, tell: Callable[[str], None]) -> None:
+    """Asks about all chosen cases that have no answer yet; stopped and started again it goes on."""
+    answers.mkdir(parents=True, exist_ok=True)
+    names = [
+        name for name in names_of(out, selection.blocks) if not selection.cases or name in selection.cases
+    ]
+    waiting = [name for name in names if selection.again or not (answers / f"{name}.run.json").exists()]
+
+    def one(name: str) -> str:
+        (answers / f"{name}.json").unlink(missing_ok=True)
+        record = run_case(out / CASES / name, selection, answers / f"{name}.json")
+        (answers / f"{name}.run.json").write_text(json.dumps(record) + "\n")
+        return (
+            f"{name} exit {record['exit']} {record['processor_seconds']:.1f} s {record['memory_mb']:.0f} MB"
+        )
+
+    with ThreadPoolExecutor(selection.jobs) as pool:
+        for i, line in enumerate(pool.map(one, waiting)):
+            tell(f"{i + 1}/{len(waiting)} {line}")
+
+
+def names_of(out: Path, blocks: Sequence[str]) -> list[str]:
+    """Returns the case names of some blocks in alphabetic order, which says nothing about the truth."""
+    found: list[str] = []
+    for sealed in sorted((out / SEALED).glob("*.json")):
+        truth = json.loads(sealed.read_text())
+        if not blocks or truth["block"] in blocks:
+            found += list(truth["cases"])
+    return sorted(found)
+
+
+def run_case(case: Path, selection: Selection, answer: Path) -> dict[str, Any]:
+    """Asks about one case; returns exit, wall and processor seconds, memory [MB] and the end of what was printed."""
+    shown = json.loads((case / "case.json").read_text())
+    with tempfile.TemporaryDirectory(prefix="wide-") as room:
+        for name in shown["logs"]:
+            shutil.copy(case / name, room)
+        shutil.copytree(case / "robot", Path(room) / shown["robot"])
+        errors, start = Path(room) / "errors.txt", time.monotonic()
+        environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+        environment["PYTHONPATH"] = os.pathsep.join([os.getcwd(), environment.get("PYTHONPATH", "")])
+        command = [
+            "nice",
+            "-n",
+            "5",
+            sys.executable,
+            "-m",
+            "impedance_modules",
+            *words(shown, selection, answer.resolve()),
+        ]
+        with errors.open("wb") as sink:
+            process = subprocess.Popen(
+                command, cwd=room, stdout=subprocess.DEVNULL, stderr=sink, env=environment
+            )
+            limit = math.ceil(selection.timeout)
+            resource.prlimit(process.pid, resource.RLIMIT_CPU, (limit, limit))
+            status, used, memory = wait_for(process, WALL_TIME_FACTOR * selection.timeout)
+        seconds = time.monotonic() - start
+        said = errors.read_text(errors="replace")[-2000:]
+    times = {"seconds": seconds, "processor_seconds": used}
+    return {"exit": status, **times, "memory_mb": memory, "errors": said}
+
+
+def words(shown: dict[str, Any], selection: Selection, answer: Path) -> list[str]:
+    """Returns the words of the command, as a stranger with this robot and these recordings would type them."""
+    robot = shown["robot"]
+    model = (
+        ["--robot", f"./{robot}"]
+        if shown["known_by"] == "robot_file"
+        else ["--urdf", f"{robot}/{robot}.urdf"]
+    )
+    tolerance = [] if selection.tolerance is None else ["--tolerance", str(selection.tolerance)]
+    return ["diagnose", *shown["logs"], *model, "--json", str(answer), *tolerance]
