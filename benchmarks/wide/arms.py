@@ -44,7 +44,7 @@ class WideArm(Arm):
         sensing: Its sensors.
     """
 
-    machine: Machine = field(default_factory=lambda: ROBOTS["planar_1"]())
+    machine: Machine = field(default_factory=ROBOTS["planar_1"])
     values: Mapping[str, str] = field(default_factory=dict)
     control: Control | None = None
     sensing: Sensing | None = None

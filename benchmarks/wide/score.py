@@ -95,7 +95,7 @@ def score_all(out: Path, answers: Path) -> str:
     lines += ["### single effects", "", *by_effect(cases)]
     text = "\n".join(lines) + "\n"
     (answers / "score.md").write_text(text)
-    (answers / "wrong.txt").write_text(wrong_list(out, cases))
+    (answers / "wrong.txt").write_text(wrong_list(out, answers, cases))
     return text
 
 
@@ -181,19 +181,19 @@ def is_right(case: Judged) -> bool:
     return case.answer.verdict != NO_ANSWER and tests[case.block](case)
 
 
-def wrong_list(out: Path, cases: Cases) -> str:
+def wrong_list(out: Path, answers: Path, cases: Cases) -> str:
     """Returns one paragraph for each case that is not right."""
     wrong = sorted((case for case in cases if not is_right(case)), key=lambda case: (case.block, case.name))
-    return "\n\n".join(describe(out, case) for case in wrong) + "\n"
+    return "\n\n".join(describe(out, answers, case) for case in wrong) + "\n"
 
 
 def show_case(out: Path, answers: Path, name: str) -> str:
     """Returns truth and answer of one case."""
-    found = [describe(out, case) for case in judge(out, answers) if case.name == name]
+    found = [describe(out, answers, case) for case in judge(out, answers) if case.name == name]
     return "\n".join(found) or f"{name}: no answer to a case of that name in {answers}"
 
 
-def describe(out: Path, case: Judged) -> str:
+def describe(out: Path, answers: Path, case: Judged) -> str:
     """Returns dimensions, truth and answer of one case."""
     lines = [f"{case.block} {case.name}  {case.answer.processor_seconds:.0f} s  {out / CASES / case.name}"]
     lines.append("  " + ", ".join(f"{key} {value}" for key, value in case.truth["values"].items()))
@@ -203,9 +203,19 @@ def describe(out: Path, case: Judged) -> str:
         + ("" if case.block != "A" else f", first {_yes(case.first_right)}")
     )
     lines += [f"    {_cause(cause)}" for cause in case.answer.causes[:5]]
+    lines += _remainder(answers / f"{case.name}.json")
     if case.answer.errors:
         lines.append(f"    said    {case.answer.errors.strip().splitlines()[-1][:300]}")
     return "\n".join(lines)
+
+
+def _remainder(path: Path) -> list[str]:
+    """Returns what the answer says of the remainder and of the recordings."""
+    if not path.exists():
+        return []
+    said = json.loads(path.read_text())
+    lines = [f"    left    {(said.get('remainder') or {}).get('structure', '')}"]
+    return lines + [f"    warned  {text}" for text in (said.get("data") or {}).get("warnings", [])[:3]]
 
 
 def _yes(right: bool) -> str:
@@ -216,7 +226,8 @@ def _truth(effect: Mapping[str, Any]) -> str:
     also = f" (or {', '.join(effect['also'])})" if effect["also"] else ""
     where = ",".join(effect["joints"]) if len(effect["joints"]) < 4 else "all joints"
     return (
-        f"{effect['effect']}{also} {where or '-'} at {effect['port']}, size {effect['size']:.3g} in {effect['residual']},"
+        f"{effect['effect']}{also} {where or '-'} at {effect['port']}, size {effect['size']:.3g}"
+        f" in {effect['residual']},"
         f" {100 * effect['share']:.2g} % of the range: {_numbers(effect['parameters'])}"
     )
 
