@@ -28,9 +28,9 @@ Array = NDArray[np.float64]
 COUNTS: dict[str, int] = {"A": 80, "B": 60, "C": 40, "E": 30}
 """Cases of a block where nothing else is asked: one effect, nothing wrong, two or three, outside the catalogue."""
 SEEDS: dict[str, int] = {"dev": 1, "smoke": 7, "frozen": 3}
-MEASURED = 8.0
+MEASURED = 6.0
 """Longest stretch [s] of a motion on which sizes are measured."""
-TRIES = 7
+TRIES = 4
 """Draws of an effect until one reaches its size."""
 
 

@@ -138,15 +138,15 @@ class Scale:
                 best = Size(float(rms[joint]), share, name, joint)
         return best
 
-    def tune(self, injection: Injection, wanted: float, tries: int = 4) -> tuple[float, Size]:
+    def tune(self, injection: Injection, wanted: float, tries: int = 3) -> tuple[float, Size]:
         """Returns the amplitude whose size is 1 to 1.4 times what is wanted, or as near as physics lets."""
         amplitude, tried = injection.first, []
         for _ in range(tries):
             size = self.size(injection, amplitude)
             over = size.over(wanted)
             tried.append((abs(np.log(max(over, 1e-6) / 1.15)), amplitude, size))
-            if 1.0 <= over <= 1.4:
-                break
+            if 1.0 <= over <= 1.4 or over * injection.most < 0.4 * amplitude:
+                break  # reached, or out of reach
             nearer = min(amplitude * float(np.clip(1.18 / max(over, 1e-6), 0.02, 30.0)), injection.most)
             if nearer == amplitude:
                 break
