@@ -145,7 +145,7 @@ def _one(
         if arm.values["friction"] in ("constraint", "regularised"):
             injection = replace(injection, also=())  # these laws have no presliding that could be seen
         amplitude, size = scale.tune(injection, wanted)
-        if size.over(wanted) >= 0.9:
+        if 0.9 <= size.over(wanted) <= 3.0:
             also = {*injection.also, *twins(injection, arm.values)}
             also |= {
                 other

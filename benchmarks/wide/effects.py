@@ -132,6 +132,8 @@ def twins(injection: Injection, values: Values) -> tuple[str, ...]:
     sensed = "joint" in values["streams"]
     if name == "payload" or (name == "link_inertia" and single):
         found += ["link_inertia", "payload"]
+    if single and not sensed and name == "torque_gain":
+        found += ["link_inertia", "payload"]  # one link's torque is all that the motor gives
     if name in ("reflected_inertia", "link_inertia") and not sensed:
         found += ["reflected_inertia", "link_inertia"]
     if name in ("base_tilt", "encoder_offset") and values["robot"].startswith("planar"):

@@ -77,9 +77,6 @@ def run_case(case: Path, selection: Selection, answer: Path) -> dict[str, Any]:
         environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
         environment["PYTHONPATH"] = os.pathsep.join([os.getcwd(), environment.get("PYTHONPATH", "")])
         command = [
-            "nice",
-            "-n",
-            "5",
             sys.executable,
             "-m",
             "impedance_modules",
