@@ -92,7 +92,15 @@ def score_all(out: Path, answers: Path) -> str:
                 "development" if variety is None else f"frozen {variety}: {part[0].truth['values'][variety]}"
             )
             lines += [f"### {title}", "", *overview(part), "", *by_value(part), ""]
-    lines += ["### single effects", "", *by_effect(cases)]
+    lines += [
+        "### single effects",
+        "",
+        *by_effect(cases),
+        "",
+        "### probabilities",
+        "",
+        *by_probability(cases),
+    ]
     text = "\n".join(lines) + "\n"
     (answers / "score.md").write_text(text)
     (answers / "wrong.txt").write_text(wrong_list(out, answers, cases))
@@ -118,9 +126,40 @@ def overview(cases: Cases) -> list[str]:
         worst = _worst(figure, cases)
         rows.append(f"| {figure.title} | {figure.rate(cases)} | {figure.rate(answered)} | {worst} |")
     seconds = sorted(case.answer.processor_seconds for case in answered)
+    within = [flag for case in cases if case.block == "A" and case.first_right for flag in covered(case)]
+    rows.append(f"| 95 % intervals that cover the truth (A, right ones) | {Rate.of(within)} | | |")
     if seconds:
         rows.append(
             f"| processor time | {seconds[len(seconds) // 2]:.0f} s median, {seconds[-1]:.0f} s longest | | |"
+        )
+    return rows
+
+
+def covered(case: Judged) -> list[bool]:
+    """Tells, for each number that truth and first cause both state, whether value +- 1.96 std covers the truth."""
+    cause, flags = case.answer.causes[0], []
+    for effect in case.effects:
+        for key, symbols in effect["parameters"].items() if effect["effect"] == cause["effect"] else ():
+            said = cause.get("parameters", {}).get(key, {})
+            for symbol, true in symbols.items():
+                quantity = said.get(symbol) or {}
+                if quantity.get("value") is not None and quantity.get("std") is not None:
+                    flags.append(abs(float(quantity["value"]) - true) <= 1.96 * float(quantity["std"]))
+    return flags
+
+
+def by_probability(cases: Cases) -> list[str]:
+    """Returns, by the probability that a cause is said with, how many of those causes are true."""
+    rows = ["| probability said | true |", "|---|---|"]
+    said: list[tuple[float, bool]] = []
+    for case in cases:
+        for at, cause in enumerate(case.answer.causes):
+            if cause.get("probability") is not None:
+                true = any(is_cause(case.answer.causes, at, effect) for effect in case.effects)
+                said.append((float(cause["probability"]), true))
+    for low, high in ((0.0, 0.5), (0.5, 0.8), (0.8, 0.95), (0.95, 1.01)):
+        rows.append(
+            f"| {low:g} to {min(high, 1.0):g} | {Rate.of([true for p, true in said if low <= p < high])} |"
         )
     return rows
 
