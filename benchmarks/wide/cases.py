@@ -18,7 +18,7 @@ from benchmarks.blind.excitation import Motion
 from benchmarks.blind.injection import Injection, Situation
 from benchmarks.wide.arms import WideArm, draw_arm, rigid, write_description
 from benchmarks.wide.design import Values, draw_cases
-from benchmarks.wide.effects import draw_effect, names_for, simpler_than, twins, visible
+from benchmarks.wide.effects import DRY, draw_effect, names_for, simpler_than, twins, visible
 from benchmarks.wide.logs import SPARE, record, save
 from benchmarks.wide.motions import draw_motions, peaks_of
 from benchmarks.wide.size import Scale, Simulate, Size
@@ -27,6 +27,8 @@ Array = NDArray[np.float64]
 
 COUNTS: dict[str, int] = {"A": 80, "B": 60, "C": 40, "E": 30}
 """Cases of a block where nothing else is asked: one effect, nothing wrong, two or three, outside the catalogue."""
+LEAST: dict[str, int] = {"A": 1, "B": 0, "C": 2, "E": 1}
+"""Effects that a case must have; an arm and motions that cannot show so many are drawn again."""
 SEEDS: dict[str, int] = {"dev": 1, "smoke": 7, "frozen": 3}
 MEASURED = 6.0
 """Longest stretch [s] of a motion on which sizes are measured."""
@@ -71,15 +73,19 @@ def make(block: str, index: int, seeds: str, frozen: str | None, folder: Path, s
         simulate: Runs a plan on the engine that it names.
     """
     values = values_of(block, index, seeds, frozen)
-    mark = 0 if frozen is None else zlib.crc32(frozen.encode())
-    rng = np.random.default_rng((SEEDS[seeds], ord(block), index, mark, 1))
-    arm, seconds = draw_arm(values, rng), float(values["seconds"]) + SPARE
-    model = rigid(arm.machine).model
-    motions, repeats = draw_motions(values, model, arm.drive, seconds, int(values["logs"]), rng)
-    scale = None
-    if block != "B":
-        scale = Scale(arm, _cut(motions[0]), int(rng.integers(2**31)), simulate)
-    planted = [] if scale is None else _plant(block, index, arm, motions, scale, rng)
+    mark, attempt = 0 if frozen is None else zlib.crc32(frozen.encode()), 0
+    while True:
+        attempt += 1
+        rng = np.random.default_rng((SEEDS[seeds], ord(block), index, mark, attempt))
+        arm, seconds = draw_arm(values, rng), float(values["seconds"]) + SPARE
+        model = rigid(arm.machine).model
+        motions, repeats = draw_motions(values, model, arm.drive, seconds, int(values["logs"]), rng)
+        planted: list[Planted] = []
+        if block != "B":
+            scale = Scale(arm, _cut(motions[0]), int(rng.integers(2**31)), simulate)
+            planted = _plant(block, index, arm, motions, scale, rng, frozen == "friction")
+        if len(planted) >= LEAST[block]:
+            break
     name = f"{int(rng.integers(16**10)):010x}"
     shown = _write(folder / name, arm, motions, repeats, planted, int(rng.integers(2**31)), simulate)
     return Made(name, shown, _truth(block, index, values, frozen, planted))
@@ -109,9 +115,17 @@ def _plant(
     return planted
 
 
-def _wishes(block: str, index: int, values: Values, rng: np.random.Generator) -> list[str]:
-    """Returns effects by name: in turn for A and E, a pair that is easily confused for half of C."""
+def _wishes(block: str, index: int, values: Values, rng: np.random.Generator, dry: bool) -> list[str]:
+    """Returns effects by name: in turn for A and E, a pair that is easily confused for half of C.
+
+    With ``dry`` the first is a dry friction: the law of friction is what is asked about.
+    """
     names = names_for(block, values)
+    rubbing = [name for name in names if name in DRY]
+    if dry and rubbing:
+        first = str(rng.choice(rubbing))
+        other = str(rng.choice([name for name in names if name not in (first, "external_contact")]))
+        return [first, other] if block == "C" else [first]
     if block in "AE":
         every = names_for(block, _all_channels(values))
         order = np.random.default_rng(ord(block)).permutation(every)
