@@ -6,7 +6,6 @@ from __future__ import annotations
 import hashlib
 import json
 import random
-import shutil
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from functools import lru_cache
@@ -113,10 +112,3 @@ def check_frozen() -> None:
         seal, name = line.split()
         if seal_of(FOLDER / name) != seal:
             raise ValueError(f"{name}: not the file that was sealed in {FROZEN_SEALS.name}")
-
-
-def remove_unfinished(out: Path) -> None:
-    """Removes folders of cases that were not finished when `generate` was stopped."""
-    for folder in (out / CASES).iterdir():
-        if not (folder / "case.json").exists():
-            shutil.rmtree(folder)
