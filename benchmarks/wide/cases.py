@@ -96,10 +96,16 @@ def _cut(motion: Motion) -> Array:
 
 
 def _plant(
-    block: str, index: int, arm: WideArm, motions: Sequence[Motion], scale: Scale, rng: np.random.Generator
+    block: str,
+    index: int,
+    arm: WideArm,
+    motions: Sequence[Motion],
+    scale: Scale,
+    rng: np.random.Generator,
+    dry: bool,
 ) -> list[Planted]:
     names, wanted = (
-        _wishes(block, index, arm.values, rng),
+        _wishes(block, index, arm.values, rng, dry),
         {"A": (1.5, 4.0), "C": (2.5, 5.0), "E": (3.0, 6.0)},
     )
     planted: list[Planted] = []
