@@ -58,7 +58,7 @@ _LOOKALIKES = (
         "may be read as a number to base 60; write a decimal number, or quotes for text",
     ),
     (
-        re.compile(r"[-+]?[0-9][0-9_]*_[0-9_]*(?:\.[0-9_]*)?"),
+        re.compile(r"(?=.*_)[-+]?\.?[0-9][0-9_]*\.?[0-9_]*(?:[eE][-+]?[0-9_]+)?"),
         "may be read as text; write the number without underscores",
     ),
     (

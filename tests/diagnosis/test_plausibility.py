@@ -18,6 +18,7 @@ BODY = np.array([2.0, 0.0, 0.0, 0.0, 0.02, 0.0, 0.02, 0.0, 0.0, 0.02])
 def effect(**more: object) -> SimpleNamespace:
     given = {
         "computed_from_command": lambda port: False,
+        "imitates_noise": lambda signals: False,
         "constant_part": None,
         "unresolved": lambda shape, resolution: None,
         "out_of_reach": lambda change, spread, reach: None,
@@ -57,6 +58,16 @@ def test_what_has_nothing_against_it_is_plausible() -> None:
 def test_what_makes_it_this_effect_must_be_there(chi_square: float, rejected: bool) -> None:
     one = trial(in_sample=SimpleNamespace(contrast_chi_square=chi_square, own=np.ones(1), spread=np.ones(1)))
     assert ("simpler one" in str(rules().implausible(one))) is rejected
+
+
+def test_what_imitates_noise_is_named_of_repeated_motions_only() -> None:
+    noisy = effect(imitates_noise=lambda signals: True)
+    assert "positions' noise" in str(rules().implausible(trial(effect=noisy)))
+    repeated = Plausibility(signals=None, bodies={}, reach=1.0, pairs=((0, 1),), resolution=0.0)
+    assert "positions' noise" not in str(
+        repeated.implausible(trial(effect=effect(imitates_noise=lambda signals: False)))
+    )
+    assert rules().unphysical(trial(effect=noisy)) is None
 
 
 def test_no_body_has_negative_mass() -> None:

@@ -86,7 +86,10 @@ def test_a_push_that_explains_less_than_the_first_causes_was_none(searched) -> N
 
 
 def regressor(**more: object) -> SimpleNamespace:
-    effect = SimpleNamespace(proportional_to_command=lambda port: port == "timing")
+    effect = SimpleNamespace(
+        proportional_to_command=lambda port: port == "timing",
+        imitates_noise=lambda signals: signals == "no sensor",
+    )
     given = {
         "shape": {},
         "width": 1,
@@ -105,7 +108,9 @@ def test_the_flexible_model_uses_simple_candidates_of_one_joint() -> None:
         regressor(blocks=({0: None, 1: None},)),
         regressor(candidate=command),
     ]
-    assert cause_search._simple_candidates([*others[:2], *simple, *others[2:]]) == simple
+    offered = [*others[:2], *simple, *others[2:]]
+    assert cause_search._simple_candidates(offered, "joint sensor") == simple
+    assert cause_search._simple_candidates(offered, "no sensor") == [simple[2]]
 
 
 @pytest.mark.parametrize(

@@ -174,7 +174,7 @@ ROW_MUTANTS = (
     (LIMITS, "look_ahead * period + timing.command_delay", "look_ahead * period"),
     (LIMITS, "horizon=max(soon, 2.0 * rise)", "horizon=max(soon, rise)"),
     (LIMITS, "pair_horizon=max(soon, rise)", "pair_horizon=soon"),
-    (LIMITS, "[joint.reflected_inertia for joint in joints]", "[2.0 * joint.reflected_inertia for joint in joints]"),
+    (LIMITS, "np.array(reflected_inertia)", "2.0 * np.array(reflected_inertia)"),
     (LIMITS, "delay=timing.command_delay", "delay=2.0 * timing.command_delay"),
     (LIMITS, "max(GENTLE_APPROACH, 4.0 * max(soon, rise))", "GENTLE_APPROACH"),
     (LIMITS, "separation_speed=0.1", "separation_speed=1.0"),

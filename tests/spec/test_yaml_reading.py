@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from impedance_modules.errors import BadFile, BadInput
@@ -56,6 +56,9 @@ def test_plain_yaml_reads_as_itself_and_every_leaf_keeps_its_place(data, flow):
 
 
 @settings(max_examples=300, deadline=None)
+@example("0E0_0")
+@example("1_0.5e-1_0")
+@example(".1_0")
 @given(st.text(alphabet="+-.0123456789eExXo_:,nNaAiIfFyYtTrRuUlLsS~ ", max_size=8).map(str.strip))
 def test_a_word_is_read_as_every_yaml_reader_reads_it_or_refused(word):
     value, trap = read_plain(word)
