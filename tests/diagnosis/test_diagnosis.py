@@ -154,7 +154,8 @@ def test_report_and_patch_are_written_and_the_patch_closes_the_gap(tmp_path: Pat
     patch, report = tmp_path / "patch.yaml", tmp_path / "report.html"
     answer(tmp_path, paths, "--patch", str(patch), "--report", str(report))
     text = report.read_text()
-    assert "<svg" in text and "http-equiv" not in text and "src=" not in text
+    assert "<svg" in text and "src=" not in text and 'http-equiv="refresh"' not in text
+    assert "default-src 'none'; script-src 'sha256-" in text
     code, again = answer(tmp_path, paths, "--effects", str(patch))
     assert "viscous_friction" not in [cause["effect"] for cause in again["causes"]]
     assert code == 0

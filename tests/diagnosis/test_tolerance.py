@@ -161,5 +161,9 @@ def test_what_is_small_is_printed_in_the_json_and_in_no_patch(capsys: pytest.Cap
     made = diagnosis_object(found)
     assert (made["causes"], len(made["small"]), made["patch"]) == ([], 1, None)
     section = small_section(made["small"], made["tolerance"])
-    assert "<h2>Small</h2>" in section and "coulomb_friction on hinge" in section and "1 %" in section
+    assert (
+        "<h2>Too small to matter</h2>" in section
+        and "coulomb_friction on hinge" in section
+        and "1 %" in section
+    )
     assert small_section([], 0.01) == ""

@@ -3,9 +3,7 @@ r"""What every recording may be wrong by without that being a finding: small err
 
 - each link's ten inertial parameters (\pm 3 %), and, of the weights that the robot compensates, \pm 3 %;
 - the instant in a period at which commands, efforts and velocities are stamped (\pm a fifth, a tenth, a quarter of a
-  sample: a driver that differentiates backwards is half a sample late, an engine's half step is a part of it);
-- the filter of the reported velocities, of which a robot file states the time constant T alone: two poles of T / 2
-  differ from one of T by T^2 s^2 / 4, and central differences over a period h from none by h^2 s^2 / 6.
+  sample: a driver that differentiates backwards is half a sample late, an engine's half step is a part of it).
 
 Every column is scaled to one standard deviation of its prior, so that the prior is a unit circle.
 """
@@ -37,10 +35,6 @@ READING_PRIOR = 0.1
 
 SPEED_PRIOR = 0.25
 """Likewise of the reported velocities."""
-
-FILTER_PRIOR, DIFFERENCES_PRIOR = 1.0 / 4.0, 1.0 / 6.0
-"""Standard deviation of the velocity filter's term of second order, over the squares of its time constant, and of the
-period."""
 
 WEIGHT_PRIOR = 0.03
 """Standard deviation of the weights that the robot compensates by itself, over their size."""
@@ -132,7 +126,6 @@ def _kinds(first: Prepared, prior: Array) -> tuple[_Kind, ...]:
     drive = ("actuator", "whole", "drive")
     compensated = first.log.gravity_compensation == "robot" and first.log.command is not None
     late = np.full(1, TIMING_PRIOR * period)
-    order = FILTER_PRIOR * first.velocity_filter**2 + DIFFERENCES_PRIOR * period**2
     weight = WEIGHT_PRIOR / INERTIA_PRIOR * prior
     return (
         _Kind(
@@ -160,13 +153,6 @@ def _kinds(first: Prepared, prior: Array) -> tuple[_Kind, ...]:
             lambda group: group[0] == "velocity",
             lambda item, group: (
                 SPEED_PRIOR * period * item.band.condense(item.signals.acceleration[:, [group[1]]])
-            ),
-        ),
-        _Kind(
-            1,
-            lambda group: group[0] == "velocity",
-            lambda item, group: (
-                order * item.band.condense(item.signals.rate_of(item.signals.acceleration[:, [group[1]]]))
             ),
         ),
     )

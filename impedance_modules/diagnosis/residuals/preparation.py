@@ -49,7 +49,6 @@ class Prepared:
         weight_nuisance: (M, n, 10 n) likewise of the weight alone, which the robot compensates.
         timing_nuisance: (M, n) change of the residual per second of additional command delay.
         reading_nuisance: (M, n) change of the effort per second that its readings are early.
-        velocity_filter: Time constant of the reported velocities' filter, by the robot file [s].
         time, position, velocity, acceleration, load: (M,) or (M, n) for regimes and ranges.
     """
 
@@ -62,7 +61,6 @@ class Prepared:
     weight_nuisance: Array
     timing_nuisance: Array
     reading_nuisance: Array
-    velocity_filter: float
     time: Array
     position: Array
     velocity: Array
@@ -122,7 +120,6 @@ def prepare(
             signals.rate_of(signals.drive if signals.drive is not None else 0.0 * q)
         ),
         reading_nuisance=band.condense(signals.rate_of(0.0 * q if effort is None else effort)),
-        velocity_filter=model.velocity_filter,
         time=band.pick(signals.time),
         position=band.pick(q),
         velocity=band.pick(v),
