@@ -75,6 +75,17 @@ def test_estimates_are_left_alone(recording):
         assert not computed(velocity, q, time)
 
 
+def test_rows_that_waited_in_a_buffer_are_judged_by_their_mean_step(recording):
+    time, q, (noise, kind, random) = recording
+    step = time[1]
+    written = 7 * (np.arange(len(time)) // 7 + 1)
+    stamps = written * step + 0.02 * step * (np.arange(len(time)) % 7)
+    assert computed(np.gradient(q, time), q, stamps)
+    fine = np.arange(0.0, 10.0, FINE)
+    inside = filtered(np.gradient(measured(motion(fine)[0], noise, kind, random), FINE), FINE)
+    assert not computed(np.interp(time, fine, inside), q, stamps)
+
+
 def test_one_joint_that_tells_otherwise_decides(recording):
     time, q, _ = recording
     velocities = np.column_stack([np.gradient(q, time), motion(time)[1]])

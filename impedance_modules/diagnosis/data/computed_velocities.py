@@ -37,6 +37,9 @@ MEDIAN_OF_NORMAL = 0.6745
 ROWS_MIN = 50
 """Fewest rows that tell."""
 
+WHOLE = 0.1
+"""By how much the weights of both slopes may differ from one in sum: lost rows lengthen the mean step."""
+
 FITS = 3
 """Rounds of the fit, each on the rows that fitted best before."""
 
@@ -54,7 +57,7 @@ def computed_from(velocity: Array, position: Array, time: Array) -> bool:
 def _is_difference(velocity: Array, position: Array, time: Array) -> bool | None:
     """Says it of one joint; None where nothing can be told."""
     steps = np.diff(time)
-    noise = LEAST_NOISE * _noise(position) / float(np.median(steps))
+    noise = LEAST_NOISE * _noise(position) / float(np.mean(steps))
     if noise == 0.0 or not velocity.any() or len(position) < ROWS_MIN:
         return None
     return any(_fits(velocity[1:-1], slopes, NEAR * noise) for slopes in _slopes(position, steps))
@@ -69,11 +72,12 @@ def _noise(position: Array) -> float:
 def _slopes(position: Array, steps: Array) -> Iterator[Array]:
     """Gives the backward and the forward slope at the inner rows, (N - 2, 2), by three ways to count the time."""
     before, after = np.diff(position)[:-1], np.diff(position)[1:]
-    yield np.column_stack([before, after]) / float(np.median(steps))
+    # The mean: rows that waited in a buffer are stamped together.
+    yield np.column_stack([before, after]) / float(np.mean(steps))
     backward, forward = before / steps[:-1], after / steps[1:]
     yield np.column_stack([backward, forward])
     share = steps[1:] / (steps[:-1] + steps[1:])
-    yield np.column_stack([share * backward, (1.0 - share) * forward])
+    yield 2.0 * np.column_stack([share * backward, (1.0 - share) * forward])
 
 
 def _fits(velocity: Array, slopes: Array, near: float) -> bool:
@@ -83,4 +87,5 @@ def _fits(velocity: Array, slopes: Array, near: float) -> bool:
         kept = left <= np.quantile(left, MOST_ROWS)
         weights = np.linalg.lstsq(slopes[kept], velocity[kept], rcond=None)[0]
         left = np.abs(velocity - slopes @ weights)
-    return float(np.quantile(left, MOST_ROWS)) <= near
+    whole = abs(float(weights.sum()) - 1.0) < WHOLE
+    return whole and float(np.quantile(left, MOST_ROWS)) <= near
