@@ -63,17 +63,36 @@ def run_all(out: Path, answers: Path, selection: Selection, tell: Callable[[str]
         block for block in COUNTS if block != "N" or selection.tool == TOOLS[0]
     )
     names = [name for name in names_of(out, blocks) if not selection.cases or name in selection.cases]
-    waiting = [name for name in names if selection.again or not (folder / f"{name}.run.json").exists()]
 
     def one(name: str) -> str:
-        (folder / f"{name}.json").unlink(missing_ok=True)
         record = run_case(out / CASES / name, selection, folder / f"{name}.json")
         (folder / f"{name}.run.json").write_text(json.dumps(record) + "\n")
         return f"{name} exit {record['exit']} {record['seconds']:.1f} s {record['memory_mb']:.0f} MB"
 
-    with ThreadPoolExecutor(selection.jobs) as pool:
-        for i, line in enumerate(pool.map(one, waiting)):
-            tell(f"{selection.tool} {i + 1}/{len(waiting)} {line}")
+    told = f"{selection.tool} "
+    again, jobs = selection.again, selection.jobs
+    ask_waiting(names, folder, one, lambda line: tell(told + line), again=again, jobs=jobs)
+
+
+def ask_waiting(
+    names: Sequence[str],
+    folder: Path,
+    one: Callable[[str], str],
+    tell: Callable[[str], None],
+    *,
+    again: bool,
+    jobs: int,
+) -> None:
+    """Asks about cases that have no record in a folder yet; ``one`` writes it and says how it went."""
+    waiting = [name for name in names if again or not (folder / f"{name}.run.json").exists()]
+
+    def ask(name: str) -> str:
+        (folder / f"{name}.json").unlink(missing_ok=True)
+        return one(name)
+
+    with ThreadPoolExecutor(jobs) as pool:
+        for i, line in enumerate(pool.map(ask, waiting)):
+            tell(f"{i + 1}/{len(waiting)} {line}")
 
 
 def names_of(out: Path, blocks: Sequence[str]) -> list[str]:
@@ -97,23 +116,21 @@ def run_case(case: Path, selection: Selection, answer: Path) -> dict[str, Any]:
         for name in (*shown["logs"], *shown["holdout"]):
             shutil.copy(case / name, room)
         command = _command(selection, shown, answer.resolve())
-        errors = Path(room) / "errors.txt"
-        start = time.monotonic()
-        environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-        environment["PYTHONPATH"] = os.pathsep.join([os.getcwd(), environment.get("PYTHONPATH", "")])
-        with errors.open("wb") as sink:
-            process = subprocess.Popen(
-                ["nice", "-n", "5", *command],
-                cwd=room,
-                stdout=subprocess.DEVNULL,
-                stderr=sink,
-                env=environment,
-            )
-            limit = math.ceil(selection.timeout)
-            resource.prlimit(process.pid, resource.RLIMIT_CPU, (limit, limit))
-            status, used, memory = wait_for(process, WALL_TIME_FACTOR * selection.timeout)
-        seconds = time.monotonic() - start
-        said = errors.read_text(errors="replace")[-2000:]
+        return measured(["nice", "-n", "5", *command], Path(room), selection.timeout)
+
+
+def measured(command: Sequence[str], room: Path, timeout: float) -> dict[str, Any]:
+    """Runs a command in a folder, its processor time limited [s]; the record that ``run_case`` returns."""
+    errors, start = room / "errors.txt", time.monotonic()
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    environment["PYTHONPATH"] = os.pathsep.join([os.getcwd(), environment.get("PYTHONPATH", "")])
+    with errors.open("wb") as sink:
+        process = subprocess.Popen(command, cwd=room, stdout=subprocess.DEVNULL, stderr=sink, env=environment)
+        limit = math.ceil(timeout)
+        resource.prlimit(process.pid, resource.RLIMIT_CPU, (limit, limit))
+        status, used, memory = wait_for(process, WALL_TIME_FACTOR * timeout)
+    seconds = time.monotonic() - start
+    said = errors.read_text(errors="replace")[-2000:]
     times = {"seconds": seconds, "processor_seconds": used}
     return {"exit": status, **times, "memory_mb": memory, "errors": said}
 

@@ -4,21 +4,15 @@
 from __future__ import annotations
 
 import json
-import math
-import os
-import resource
 import shutil
-import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from benchmarks.blind.run import WALL_TIME_FACTOR, wait_for
+from benchmarks.blind.run import ask_waiting, measured
 
 ANSWERS, CASES, SEALED = "answers", "cases", "sealed"
 
@@ -41,19 +35,15 @@ def run_all(out: Path, answers: Path, selection: Selection, tell: Callable[[str]
     names = [
         name for name in names_of(out, selection.blocks) if not selection.cases or name in selection.cases
     ]
-    waiting = [name for name in names if selection.again or not (answers / f"{name}.run.json").exists()]
 
     def one(name: str) -> str:
-        (answers / f"{name}.json").unlink(missing_ok=True)
         record = run_case(out / CASES / name, selection, answers / f"{name}.json")
         (answers / f"{name}.run.json").write_text(json.dumps(record) + "\n")
         return (
             f"{name} exit {record['exit']} {record['processor_seconds']:.1f} s {record['memory_mb']:.0f} MB"
         )
 
-    with ThreadPoolExecutor(selection.jobs) as pool:
-        for i, line in enumerate(pool.map(one, waiting)):
-            tell(f"{i + 1}/{len(waiting)} {line}")
+    ask_waiting(names, answers, one, tell, again=selection.again, jobs=selection.jobs)
 
 
 def names_of(out: Path, blocks: Sequence[str]) -> list[str]:
@@ -73,26 +63,8 @@ def run_case(case: Path, selection: Selection, answer: Path) -> dict[str, Any]:
         for name in shown["logs"]:
             shutil.copy(case / name, room)
         shutil.copytree(case / "robot", Path(room) / shown["robot"])
-        errors, start = Path(room) / "errors.txt", time.monotonic()
-        environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-        environment["PYTHONPATH"] = os.pathsep.join([os.getcwd(), environment.get("PYTHONPATH", "")])
-        command = [
-            sys.executable,
-            "-m",
-            "impedance_modules",
-            *words(shown, selection, answer.resolve()),
-        ]
-        with errors.open("wb") as sink:
-            process = subprocess.Popen(
-                command, cwd=room, stdout=subprocess.DEVNULL, stderr=sink, env=environment
-            )
-            limit = math.ceil(selection.timeout)
-            resource.prlimit(process.pid, resource.RLIMIT_CPU, (limit, limit))
-            status, used, memory = wait_for(process, WALL_TIME_FACTOR * selection.timeout)
-        seconds = time.monotonic() - start
-        said = errors.read_text(errors="replace")[-2000:]
-    times = {"seconds": seconds, "processor_seconds": used}
-    return {"exit": status, **times, "memory_mb": memory, "errors": said}
+        asked = words(shown, selection, answer.resolve())
+        return measured([sys.executable, "-m", "impedance_modules", *asked], Path(room), selection.timeout)
 
 
 def words(shown: dict[str, Any], selection: Selection, answer: Path) -> list[str]:
