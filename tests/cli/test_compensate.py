@@ -16,25 +16,9 @@ from tests.support.baxter_lockstep import run_in_lockstep
 from tests.support.commands import invoke, refusal
 from tests.support.effect_recordings import AppliedEffect, applied, write_patch
 from tests.support.paths import CHECKOUT
+from tests.support.swaying_arm import swaying
 
-TASK = """
-format: 1
-name: sway-briefly
-robot: baxter
-arms:
-  right:
-    posture: {s0: 0.4666, s1: -0.7179, e0: 0.3787, e1: 1.5412, w0: -0.3896, w1: 0.8229, w2: 0.2095}
-    joint_bias: {stiffness: {s0: 3, s1: 3, e0: 3, e1: 3, w0: 3, w1: 3, w2: 3}, damping_ratio: 0.7}
-    springs:
-      - name: hand
-        frame: right_hand
-        expressed_in: world
-        stiffness: {x: 300, y: 300, z: 300, rx: 8, ry: 8, rz: 8}
-        damping_ratio: 0.7
-safety: {tank: {initial: 2.5, max: 8, floor: 0.3}}
-phases:
-  - {name: sway, equilibrium: {right.hand: {y: {sine: {amplitude: 0.05, frequency: 0.5}}}}, duration: 1.5}
-"""
+TASK = swaying(initial=2.5, most=8, amplitude=0.05, seconds=1.5)
 
 RATE = 200
 
@@ -44,7 +28,7 @@ FRICTION = applied("coulomb_friction", "actuator", "right_s0", fc=1.0)
 
 @pytest.fixture
 def task(tmp_path: Path) -> Path:
-    path = tmp_path / "sway-briefly.yaml"
+    path = tmp_path / "sway.yaml"
     path.write_text(TASK)
     return path
 
@@ -58,18 +42,18 @@ def tracking(out: Path) -> float:
 
 
 def test_run_compensates_records_and_verifies(task: Path, tmp_path: Path) -> None:
-    worn, errors = patch(tmp_path, PAYLOAD, FRICTION), {}
+    diagnosed, errors = patch(tmp_path, PAYLOAD, FRICTION), {}
     for name, options in {
         "absent": (),
-        "before": ("--effects", worn),
-        "after": ("--effects", worn, "--compensate", worn),
+        "before": ("--effects", diagnosed),
+        "after": ("--effects", diagnosed, "--compensate", diagnosed),
     }.items():
         out = tmp_path / name
         assert invoke("run", task, "--rate", RATE, *options, "--out", out).return_value == 0
         errors[name] = tracking(out)
     assert errors["after"] - errors["absent"] < 0.5 * (errors["before"] - errors["absent"])
     episode = read_episode(tmp_path / "after")
-    assert episode.metadata["compensate"] == worn.read_text()
+    assert episode.metadata["compensate"] == diagnosed.read_text()
     added = episode.extra["module.compensation.right_s0"]
     assert np.max(np.abs(added)) > 0.5
     assert "bit-equal" in invoke("replay", tmp_path / "after", "--verify").output
@@ -78,11 +62,11 @@ def test_run_compensates_records_and_verifies(task: Path, tmp_path: Path) -> Non
 
 def test_check_states_torque_and_joules(task: Path, tmp_path: Path) -> None:
     """What it foretells the tank pays for friction, and the potential at the start, is what a run books."""
-    worn = patch(tmp_path, applied("coulomb_friction", "actuator", "right_s0", fc=3.0))
-    printed = invoke("check", task, "--rate", RATE, "--effects", worn, "--compensate", worn).output
+    diagnosed = patch(tmp_path, applied("coulomb_friction", "actuator", "right_s0", fc=3.0))
+    printed = invoke("check", task, "--rate", RATE, "--effects", diagnosed, "--compensate", diagnosed).output
     assert "coulomb_friction" in printed and "friction and drives compensated" in printed
     options = {"rate": 500.0, "scale": 1.0, "arm": None}
-    assembly = assemble(str(task), effects=worn, compensate=worn, **options)
+    assembly = assemble(str(task), effects=diagnosed, compensate=diagnosed, **options)
     forecast = refuse_infeasible(assembly).compensation
     assert forecast is not None
     told = float(forecast.drawn[-1])
@@ -95,7 +79,7 @@ def test_check_states_torque_and_joules(task: Path, tmp_path: Path) -> None:
 def test_the_example_of_the_docs(tmp_path: Path) -> None:
     """Half a newton metre on seven joints at one radian per second empties five joules in a second and a half."""
     names = ("s0", "s1", "e0", "e1", "w0", "w1", "w2")
-    worn = patch(
+    diagnosed = patch(
         tmp_path, *(applied("coulomb_friction", "actuator", f"right_{name}", fc=0.5) for name in names)
     )
     (tmp_path / "turn.yaml").write_text(
@@ -105,7 +89,7 @@ def test_the_example_of_the_docs(tmp_path: Path) -> None:
         "    posture: {right: {s0: 1.2, s1: -0.1, e0: 1.1, e1: 2.1, w0: 0.4, w1: 1.5, w2: 1}}\n"
     )
     assembly = assemble(
-        str(tmp_path / "turn.yaml"), effects=None, compensate=worn, rate=500.0, scale=1.0, arm=None
+        str(tmp_path / "turn.yaml"), effects=None, compensate=diagnosed, rate=500.0, scale=1.0, arm=None
     )
     prediction = refuse_infeasible(assembly)
     assert prediction.compensation is not None
@@ -116,49 +100,53 @@ def test_the_example_of_the_docs(tmp_path: Path) -> None:
 
 def test_a_tank_that_cannot_pay_is_refused_at_its_line(task: Path, tmp_path: Path) -> None:
     task.write_text(TASK.replace("initial: 2.5", "initial: 0.7"))
-    worn = patch(tmp_path, applied("coulomb_friction", "actuator", "right_s0", fc=4.0))
-    said = refusal("check", task, "--rate", RATE, "--compensate", worn)
+    diagnosed = patch(tmp_path, applied("coulomb_friction", "actuator", "right_s0", fc=4.0))
+    said = refusal("check", task, "--rate", RATE, "--compensate", diagnosed)
     line = 1 + next(k for k, text in enumerate(task.read_text().splitlines()) if "tank" in text)
     assert re.match(rf"{re.escape(str(task))}:{line}:\d+: safety\.tank\.initial: the task needs", said)
     assert "friction and drives compensated" in said
-    assert said == refusal("run", task, "--rate", RATE, "--compensate", worn, "--out", tmp_path / "no")
+    assert said == refusal("run", task, "--rate", RATE, "--compensate", diagnosed, "--out", tmp_path / "no")
     assert not (tmp_path / "no").exists()
 
 
 def test_a_torque_margin_that_is_gone_is_refused_at_the_patch(task: Path, tmp_path: Path) -> None:
-    worn = patch(tmp_path, FRICTION, applied("torque_offset", "link", "right_w1", c=20.0))
-    said = refusal("check", task, "--rate", RATE, "--compensate", worn)
-    line = 1 + [k for k, text in enumerate(worn.read_text().splitlines()) if "effect: " in text][1]
-    assert said.startswith(f"{worn}:{line}:") and "effects[1].effect: with torque_offset compensated" in said
+    diagnosed = patch(tmp_path, FRICTION, applied("torque_offset", "link", "right_w1", c=20.0))
+    said = refusal("check", task, "--rate", RATE, "--compensate", diagnosed)
+    line = 1 + [k for k, text in enumerate(diagnosed.read_text().splitlines()) if "effect: " in text][1]
+    assert (
+        said.startswith(f"{diagnosed}:{line}:")
+        and "effects[1].effect: with torque_offset compensated" in said
+    )
     assert "whose limit is 15 N.m" in said
 
 
 def test_an_effect_that_is_not_compensated_is_refused_by_name(task: Path, tmp_path: Path) -> None:
-    worn = patch(tmp_path, applied("backlash", "actuator", "right_s0", b=0.02))
-    said = refusal("run", task, "--compensate", worn)
+    diagnosed = patch(tmp_path, applied("backlash", "actuator", "right_s0", b=0.02))
+    said = refusal("run", task, "--compensate", diagnosed)
     assert (
-        said.startswith(f"{worn}:") and "backlash is not compensated: while the motor crosses the gap" in said
+        said.startswith(f"{diagnosed}:")
+        and "backlash is not compensated: while the motor crosses the gap" in said
     )
 
 
 def test_a_patch_for_another_robot_is_refused(task: Path, tmp_path: Path) -> None:
-    worn = write_patch(tmp_path, FRICTION.entry(), robot="six_joint_pair")
-    assert "the patch is for robot 'six_joint_pair'" in refusal("check", task, "--compensate", worn)
+    diagnosed = write_patch(tmp_path, FRICTION.entry(), robot="six_joint_pair")
+    assert "the patch is for robot 'six_joint_pair'" in refusal("check", task, "--compensate", diagnosed)
 
 
 def test_a_playback_is_not_compensated(tmp_path: Path) -> None:
-    worn = patch(tmp_path, FRICTION)
-    said = refusal("check", CHECKOUT / "tasks/thesis/slide-over-position.yaml", "--compensate", worn)
+    diagnosed = patch(tmp_path, FRICTION)
+    said = refusal("check", CHECKOUT / "tasks/thesis/slide-over-position.yaml", "--compensate", diagnosed)
     assert "plays a joint path back" in said
 
 
 def test_on_the_simulated_baxter_weight_and_friction_are_compensated(task: Path, tmp_path: Path) -> None:
     """Neither task nor model knows the effects: only the robot behind its messages has them."""
-    worn, errors = patch(tmp_path, PAYLOAD, FRICTION), {}
+    diagnosed, errors = patch(tmp_path, PAYLOAD, FRICTION), {}
     for name, effects, compensate in (
         ("absent", None, None),
-        ("before", worn, None),
-        ("after", worn, worn),
+        ("before", diagnosed, None),
+        ("after", diagnosed, diagnosed),
     ):
         assembly = assemble(
             str(task), effects=None, compensate=compensate, rate=float(RATE), scale=1.0, arm=None
@@ -173,12 +161,12 @@ def test_a_compensated_weight_is_no_contact(task: Path, tmp_path: Path) -> None:
     """The phase waits for 3 N; half a kilogram that the model does not know would be 5 N from the start."""
     waits = "\n  - {name: wait, duration: 0.5, until: {contact: {force: 3, time: 0.05}}, otherwise: next}\n"
     task.write_text(TASK.rstrip("\n") + waits)
-    worn, phases = patch(tmp_path, PAYLOAD), {}
-    for name, compensate in (("before", None), ("after", worn)):
+    diagnosed, phases = patch(tmp_path, PAYLOAD), {}
+    for name, compensate in (("before", None), ("after", diagnosed)):
         assembly = assemble(
             str(task), effects=None, compensate=compensate, rate=float(RATE), scale=1.0, arm=None
         )
-        result, _ = run_in_lockstep(assembly, tmp_path / name, effects=worn, springs={})
+        result, _ = run_in_lockstep(assembly, tmp_path / name, effects=diagnosed, springs={})
         phases[name] = {phase["name"]: phase["seconds"] for phase in result.summary["phases"]}
     assert phases["before"]["wait"] < 0.3
     assert phases["after"]["wait"] == pytest.approx(0.5, abs=0.02)

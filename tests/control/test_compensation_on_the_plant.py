@@ -12,6 +12,7 @@ from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.runs.run_backends import sim_backend
 from tests.control.test_passivity_on_the_plant import check_books, run_in_world
 from tests.support.effect_recordings import AppliedEffect, applied, write_patch
+from tests.support.swaying_arm import swaying
 
 WORLDS = [
     {"seed": 31, "tank": 0.3},
@@ -44,24 +45,7 @@ def test_work_at_the_motors_stays_within_the_claim(tmp_path: Path, world: dict) 
     check_books(seen)
 
 
-TASK = """
-format: 1
-name: sway
-robot: baxter
-arms:
-  right:
-    posture: {s0: 0.4666, s1: -0.7179, e0: 0.3787, e1: 1.5412, w0: -0.3896, w1: 0.8229, w2: 0.2095}
-    joint_bias: {stiffness: {s0: 3, s1: 3, e0: 3, e1: 3, w0: 3, w1: 3, w2: 3}, damping_ratio: 0.7}
-    springs:
-      - name: hand
-        frame: right_hand
-        expressed_in: world
-        stiffness: {x: 300, y: 300, z: 300, rx: 8, ry: 8, rz: 8}
-        damping_ratio: 0.7
-safety: {tank: {initial: 5, max: 20, floor: 0.3}}
-phases:
-  - {name: sway, equilibrium: {right.hand: {y: {sine: {amplitude: 0.08, frequency: 0.5}}}}, duration: 2.5}
-"""
+TASK = swaying(initial=5, most=20, amplitude=0.08, seconds=2.5)
 
 
 class Ran:
@@ -122,8 +106,8 @@ MENDED = {
 @pytest.mark.parametrize("name", list(MENDED))
 def test_what_is_compensated_brings_the_hand_back(tmp_path: Path, name: str) -> None:
     effect, left = MENDED[name]
-    worn = patch(tmp_path, effect)
-    absent, before, after = ran(tmp_path), ran(tmp_path, worn), ran(tmp_path, worn, worn)
+    diagnosed = patch(tmp_path, effect)
+    absent, before, after = ran(tmp_path), ran(tmp_path, diagnosed), ran(tmp_path, diagnosed, diagnosed)
     assert before.ending is not None and after.ending.value == before.ending.value == "done"
     assert before.apart(absent) > 3e-4
     assert after.apart(absent) < left * before.apart(absent)
