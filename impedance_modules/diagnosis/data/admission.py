@@ -36,6 +36,7 @@ from impedance_modules.diagnosis.data.time_base import (
     delayed,
     unify_rates,
 )
+from impedance_modules.episode.columns import JOINT_KINDS
 from impedance_modules.episode.data import Episode
 from impedance_modules.errors import BadInput
 from impedance_modules.spec.task_text import contact_phases
@@ -160,8 +161,7 @@ def _log(episode: Episode, model: NominalModel, steps: Array, warnings: list[str
 
 def _without_copied_rows(episode: Episode, warnings: list[str]) -> Episode:
     """Leaves out rows that repeat the row before, stamp and all readings: a logger wrote them twice."""
-    quantities = ("position", "velocity", "effort", "effort_command", "position_command")
-    columns = [values for name in quantities for values in getattr(episode, name).values()]
+    columns = [values for kind in JOINT_KINDS for values in getattr(episode, kind).values()]
     copied = np.all([np.diff(values) == 0.0 for values in (episode.time, *columns)], axis=0)
     if not copied.any():
         return episode
