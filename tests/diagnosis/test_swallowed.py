@@ -81,6 +81,14 @@ def test_sentences_name_links_the_mass_in_the_hand_weights_and_stamps():
     ]
 
 
+def test_a_link_whose_mass_is_as_stated_is_called_neither_heavier_nor_lighter():
+    nothing = {"weights": {"deviations": 0.0}, "times": {}, "hand": None}
+    said = swallowed_sentences(
+        {"links": {"fore": {"mass": -1e-9, "unit": "kg", "deviations": 2.1}}, **nothing}
+    )
+    assert said == ["links other than stated by up to 2.1 of their stated deviation, most 'fore'"]
+
+
 def test_the_outermost_body_has_most_joints_before_it(tmp_path):
     (tmp_path / "robot.urdf").write_text(URDF)
     assert outermost(model_of_urdf(tmp_path / "robot.urdf", JOINTS).tree) == 1

@@ -8,6 +8,9 @@ from typing import Any
 NOTABLE = 1.0
 """Deviations of a prior from which what it swallowed is said."""
 
+LEAST_MASS = 1e-3
+"""Mass from which it is said by how much a link is heavier or lighter [kg]."""
+
 WHOLE = 0.9
 """Share of the swallowed torque from which a mass does the same, and not a part of it."""
 
@@ -25,9 +28,10 @@ def swallowed_sentences(swallowed: dict[str, Any] | None) -> list[str]:
     out = []
     if most is not None and most["deviations"] >= NOTABLE:
         way = "heavier" if most["mass"] > 0.0 else "lighter"
+        # A moment or an inertia may err without the mass, which turns about a fixed axis do not show.
+        by = f" ({abs(most['mass']):.2g} kg {way})" if abs(most["mass"]) >= LEAST_MASS else ""
         out.append(
-            f"links other than stated by up to {most['deviations']:.2g} of their stated deviation, most '{name}'"
-            f" ({abs(most['mass']):.2g} kg {way})"
+            f"links other than stated by up to {most['deviations']:.2g} of their stated deviation, most '{name}'{by}"
         )
         out += _hand(swallowed["hand"])
     if swallowed["weights"]["deviations"] >= NOTABLE:
