@@ -40,9 +40,21 @@ def read_geometry(model: pin.Model, urdf: Path, links: Collection[str] | None) -
         raise BadInput(f"{urdf}: a collision shape cannot be read: {error}") from None
     for shape in found.geometryObjects:
         if isinstance(shape.geometry, coal.BVHModelBase):
-            shape.geometry.buildConvexRepresentation(False)
-            shape.geometry = shape.geometry.convex
+            shape.geometry = _hull(shape.geometry, f"{urdf}: shape '{shape.name}'")
     return found
+
+
+def _hull(mesh: coal.BVHModelBase, where: str) -> coal.ConvexBase:
+    """Computes the convex hull of a mesh's corners.
+
+    Not ``buildConvexRepresentation``: it takes the mesh for convex as it is, and of one that is not, distances are
+    too large by as much as the mesh is long.
+    """
+    try:
+        mesh.buildConvexHull(True, "Qt")
+    except (ValueError, RuntimeError) as error:  # all corners in one plane, say
+        raise BadInput(f"{where}: its mesh has no convex hull: {error}") from None
+    return mesh.convex
 
 
 def _keep_readable(link: ET.Element, urdf: Path, links: Collection[str] | None) -> None:

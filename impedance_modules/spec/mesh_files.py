@@ -21,14 +21,25 @@ def find_mesh(urdf: Path, name: str) -> Path | None:
         urdf: The description.
         name: As its ``<mesh filename>`` says.
     """
+    return next((path for path in places_of_mesh(urdf, name) if is_file(path)), None)
+
+
+def places_of_mesh(urdf: Path, name: str) -> tuple[Path, ...]:
+    """Lists where the file of a mesh is looked for, in this order; arguments as in ``find_mesh``."""
     if not name.startswith(PACKAGE):
-        path = mesh_path(urdf, name)
-        return path if is_file(path) else None
+        return (mesh_path(urdf, name),)
     package, _, rest = name.removeprefix(PACKAGE).partition("/")
     above = urdf.resolve().parents
     tried = [folder / package / rest for folder in above]
-    tried += [folder / rest for folder in above if folder.name == package]
-    return next((path for path in tried if is_file(path)), None)
+    return (*tried, *(folder / rest for folder in above if folder.name == package))
+
+
+def folders_looked_in(urdf: Path, name: str) -> tuple[str, ...]:
+    """Lists the folders in which a mesh was looked for; a package's folders by the name that they would have."""
+    if not name.startswith(PACKAGE):
+        return (str(mesh_path(urdf, name).parent),)
+    package = name.removeprefix(PACKAGE).partition("/")[0]
+    return tuple(str(folder / package) for folder in urdf.resolve().parents)
 
 
 def mesh_path(urdf: Path, name: str) -> Path:

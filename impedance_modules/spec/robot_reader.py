@@ -16,6 +16,7 @@ from impedance_modules.errors import BadFile, Problem, nearest
 from impedance_modules.input_files import is_file
 from impedance_modules.spec.document import Document, scan_document
 from impedance_modules.spec.locate import ROBOT_FILE, find_robot
+from impedance_modules.spec.mesh_files import folders_looked_in
 from impedance_modules.spec.robot_spec import (
     CollisionSpec,
     ContactDetectionSpec,
@@ -386,14 +387,20 @@ def _collision_problems(document: Document, urdf: UrdfFacts) -> Iterator[Problem
                 message = f"the link '{link}' has no <collision> shape"
                 yield document.problem((*here, side), message, shaped)
             elif link in urdf.missing_meshes:
-                message = f"the mesh '{urdf.missing_meshes[link]}' of link '{link}' is not there"
-                valid = "a file beside the description, or its package below a folder above it"
-                yield document.problem((*here, side), message, (valid,))
+                yield document.problem((*here, side), *_missing_mesh(urdf, link))
         if frozenset(pair) in seen:
             yield document.problem(here, f"the pair {pair[0]}, {pair[1]} is listed twice")
         seen.add(frozenset(pair))
         if set(pair) <= set(urdf.links) and _rigid_together(document, urdf, pair):
             yield document.problem(here, f"no limb's joint moves '{pair[0]}' against '{pair[1]}'")
+
+
+def _missing_mesh(urdf: UrdfFacts, link: str) -> tuple[str, tuple[str, ...]]:
+    """What is wrong with a link whose distance is asked for and whose mesh is not there, and what would be right."""
+    mesh = urdf.missing_meshes[link]
+    looked = ", ".join(folders_looked_in(urdf.path, mesh))
+    message = f"the mesh '{mesh}' of link '{link}' is not there; it was looked for in {looked}"
+    return message, ("a file in one of these folders", "no pair of this link")
 
 
 def _rigid_together(document: Document, urdf: UrdfFacts, pair: list[str]) -> bool:

@@ -7,12 +7,15 @@ import itertools
 import shutil
 from pathlib import Path
 
+import coal
 import numpy as np
 import pytest
 
 from impedance_modules.errors import BadFile
+from impedance_modules.robot.description import rigid_model
 from impedance_modules.robot.distances import Distances
 from impedance_modules.robot.kinematics import Kinematics
+from impedance_modules.robot.link_geometry import read_geometry
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.shapes import link_shapes
 from impedance_modules.spec.mesh_files import find_mesh
@@ -85,11 +88,61 @@ def test_a_mesh_has_the_distances_of_its_hull(tmp_path: Path) -> None:
         np.testing.assert_allclose(shape.pose.translation, exact[link].pose.translation, atol=1e-6)
 
 
+def test_the_hull_of_a_mesh_with_a_bay_covers_the_bay(tmp_path: Path) -> None:
+    """An hourglass: corners and a waist. The nearest point of its hull is never further than any corner."""
+    mesh = tmp_path / "hourglass.stl"
+    heights, radii = (-0.2, -0.05, 0.05, 0.2), (0.1, 0.01, 0.01, 0.1)
+    stl_of_turned_profile(mesh, heights, radii)
+    urdf = tmp_path / "one.urdf"
+    urdf.write_text(
+        '<robot name="one"><link name="base"/><link name="turning"><collision><geometry>'
+        '<mesh filename="hourglass.stl"/></geometry></collision></link>'
+        '<joint name="axle" type="continuous"><parent link="base"/><child link="turning"/>'
+        '<axis xyz="0 0 1"/></joint></robot>'
+    )
+    (shape,) = read_geometry(rigid_model(urdf), urdf, None).geometryObjects
+    random = np.random.default_rng(1)
+    for _ in range(50):
+        angle, height = random.uniform(0.0, 2.0 * np.pi), random.uniform(-0.2, 0.2)
+        ball = coal.Transform3s(np.eye(3), np.array([np.cos(angle), np.sin(angle), height]))
+        found = coal.DistanceResult()
+        coal.distance(
+            shape.geometry, coal.Transform3s(), coal.Sphere(0.05), ball, coal.DistanceRequest(True), found
+        )
+        # The hull of the hourglass is a prism of twelve sides between its outermost rings.
+        assert 0.85 - 1e-6 <= found.min_distance <= 0.95 - 0.1 * np.cos(np.pi / 12) + 1e-6
+
+
+def stl_of_turned_profile(path: Path, heights: tuple[float, ...], radii: tuple[float, ...]) -> None:
+    """A closed body of twelve sides."""
+    turns = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
+    rings = [
+        [(radius * np.cos(turn), radius * np.sin(turn), height) for turn in turns]
+        for height, radius in zip(heights, radii, strict=True)
+    ]
+    triangles = []
+    for lower, upper in itertools.pairwise(rings):
+        for i in range(12):
+            j = (i + 1) % 12
+            triangles += [(lower[i], lower[j], upper[j]), (lower[i], upper[j], upper[i])]
+    for ring in (rings[0][::-1], rings[-1]):
+        triangles += [(ring[0], ring[i], ring[i + 1]) for i in range(1, 11)]
+    facets = (
+        "facet normal 0 0 0\nouter loop\n"
+        + "".join(f"vertex {x} {y} {z}\n" for x, y, z in triangle)
+        + "endloop\nendfacet\n"
+        for triangle in triangles
+    )
+    path.write_text("solid body\n" + "".join(facets) + "endsolid body\n")
+
+
 def test_a_mesh_that_is_not_there_is_refused_where_its_distance_is_asked_for(tmp_path: Path) -> None:
     with pytest.raises(
         BadFile, match=r"robot\.yaml:\d+:\d+: collision\.pairs.*meshes/post\.stl.*is not there"
-    ):
+    ) as caught:
         read_robot(str(robot(tmp_path, there=False)))
+    for folder in (tmp_path, tmp_path / "pair_description"):
+        assert str(folder.resolve() / "pair_description") in str(caught.value)
 
 
 def test_without_a_pair_it_is_only_not_drawn(tmp_path: Path) -> None:
