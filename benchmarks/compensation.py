@@ -33,7 +33,8 @@ from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.errors import BadInput
 from impedance_modules.runs.execution import RunOptions, carry_out
-from impedance_modules.runs.run_backends import make_backend, sim_backend
+from impedance_modules.runs.run_backends import make_backend
+from impedance_modules.runs.task_plant import sim_backend
 
 MOTIONS = Path(__file__).parents[1] / "tests" / "data"
 RECORDED = ("swing-one", "swing-one", "swing-two")

@@ -14,7 +14,7 @@ from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.episode.data import Episode
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.runs.execution import RunOptions, carry_out
-from impedance_modules.runs.run_backends import sim_backend
+from impedance_modules.runs.task_plant import sim_backend
 from impedance_modules.tools.surface_fit import SurfaceMap, map_surface, touches_of
 from impedance_modules.tools.surface_report import draw_map
 from impedance_modules.tools.surface_truth import MapErrors, TrueSurface, map_errors, true_surface

@@ -29,7 +29,7 @@ from impedance_modules.robot.pose import Pose
 from impedance_modules.robot.rotation import log3
 from impedance_modules.robot.state import RobotState
 from impedance_modules.runs.execution import RunOptions, RunResult, carry_out
-from impedance_modules.runs.run_backends import sim_backend
+from impedance_modules.runs.task_plant import sim_backend
 from impedance_modules.spec.document import Document, scan_document
 from impedance_modules.spec.locate import data_folder
 from impedance_modules.spec.task import PushSpec

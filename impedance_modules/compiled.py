@@ -7,7 +7,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cached_property, update_wrapper
 from typing import Any, ClassVar, Generic, ParamSpec, TypeVar
 
@@ -72,3 +73,14 @@ def want_machine_code() -> None:
     """Asks for machine code on behalf of a run; where ``use_machine_code`` was called before, that stays."""
     if Law.in_machine_code is None:
         use_machine_code()
+
+
+@contextmanager
+def as_python() -> Iterator[None]:
+    """Lets all laws run as Python within the block, also those that would ask for machine code."""
+    before = Law.in_machine_code
+    Law.in_machine_code = False
+    try:
+        yield
+    finally:
+        Law.in_machine_code = before

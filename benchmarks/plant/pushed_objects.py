@@ -20,7 +20,7 @@ from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.errors import ImpedanceError
 from impedance_modules.plant.energy_balance import EnergyBook
 from impedance_modules.plant.plant import Plant
-from impedance_modules.runs.run_backends import sim_backend
+from impedance_modules.runs.task_plant import sim_backend
 from impedance_modules.spec.task import ObjectSpec, PushSpec, SurfaceSpec
 
 DURATION = 1.2

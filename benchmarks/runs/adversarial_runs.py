@@ -43,7 +43,7 @@ from impedance_modules.control.loop import Interrupt, no_collections, run_loop
 from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.errors import BadInput
 from impedance_modules.prediction.feasibility import refuse_infeasible
-from impedance_modules.runs.run_backends import sim_backend
+from impedance_modules.runs.task_plant import sim_backend
 from tests.support.adversity import Books, Pushes, UnreliableRobot
 from tests.support.effect_recordings import AppliedEffect, applied, patch_of
 

@@ -36,7 +36,7 @@ from impedance_modules.prediction.feasibility import TaskPrediction, refuse_infe
 from impedance_modules.prediction.forecast import forecast_task
 from impedance_modules.prediction.joint_limits import limits_met
 from impedance_modules.robot.model import RobotModel
-from impedance_modules.runs.run_backends import sim_backend
+from impedance_modules.runs.task_plant import sim_backend
 from impedance_modules.runs.trial_run import try_on_plant
 from impedance_modules.spec.locate import find_robot
 from impedance_modules.spec.robot_reader import read_robot

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -43,14 +42,13 @@ def check_command(
     """
     from impedance_modules.cli.print_forecast import print_forecast
     from impedance_modules.cli.terminal import Terminal
-    from impedance_modules.control.adjust import as_taught
-    from impedance_modules.control.assembly import assemble
-    from impedance_modules.prediction.feasibility import refuse_infeasible
+    from impedance_modules.control.assembly import assemble, taught
     from impedance_modules.prediction.forecast import forecast_task
+    from impedance_modules.runs.task_acceptance import accept
 
     assembly = assemble(task, effects=effects, compensate=compensate, rate=rate, scale=scale, arm=arm)
-    assembly = replace(assembly, task=as_taught(assembly.task))
-    prediction = refuse_infeasible(assembly)
+    prediction = accept(assembly)
+    assembly = taught(assembly)
     trial = tried(assembly, prediction, seed=0, console=Terminal())
     print_forecast(assembly, forecast_task(assembly, prediction), trial)
     return 0
@@ -69,13 +67,11 @@ def analyze_command(task: str, phase: str | None, effects: Path | None, json_fil
     Matrices are 6x6, linear then angular, in world axes at the frame's origin, SI units. Exit: 0, 2 bad input.
     """
     from impedance_modules.cli.print_analysis import print_analysis
-    from impedance_modules.control.adjust import as_taught
-    from impedance_modules.control.assembly import assemble
+    from impedance_modules.control.assembly import assemble, taught
     from impedance_modules.prediction.analysis import analyse_task
     from impedance_modules.prediction.analysis_json import write_analysis
 
-    assembly = assemble(task, effects=effects, rate=None, scale=1.0, arm=None)
-    assembly = replace(assembly, task=as_taught(assembly.task))
+    assembly = taught(assemble(task, effects=effects, rate=None, scale=1.0, arm=None))
     analysis = analyse_task(assembly, phase)
     if json_file is not None:
         write_analysis(analysis, json_file)

@@ -166,10 +166,9 @@ def play_task_back(assembly: Assembly, options: RunRequest) -> int:
     _refuse_playback(options)
     from impedance_modules.cli.print_run import progress
     from impedance_modules.cli.terminal import Terminal
-    from impedance_modules.control.adjust import as_taught
-    from impedance_modules.prediction.feasibility import refuse_infeasible
+    from impedance_modules.runs.task_acceptance import accept
 
-    refuse_infeasible(replace(assembly, task=as_taught(assembly.task)))
+    accept(assembly)
     from impedance_modules.runs.execution import RunOptions
     from impedance_modules.runs.playback_run import TAUGHT, make_playback, play_back, recorded_path, teach
 
@@ -195,13 +194,13 @@ def _carry_out(
     """Runs a task whose springs command the torques."""
     from impedance_modules.cli.print_run import progress
     from impedance_modules.errors import BadInput
-    from impedance_modules.prediction.feasibility import refuse_infeasible
+    from impedance_modules.runs.task_acceptance import accept
 
     if (asked.backend == "replay") != (asked.log is not None):
         raise BadInput("--backend replay and --log DIR go together: the log is the robot")
     # Read-only, no torque is sent: there is no loop that could be unstable.
     judged = replace(assembly, allow_unstable=assembly.allow_unstable or asked.read_only)
-    prediction = refuse_infeasible(judged)
+    prediction = accept(judged, plant=asked.backend == "sim")
     trial = None if asked.backend == "replay" else tried(judged, prediction, asked.seed, console)
     if trial is not None:
         console.print(trial_line(trial), highlight=False, soft_wrap=True)

@@ -11,11 +11,13 @@ from pathlib import Path
 import numpy as np
 
 from impedance_modules.arrays import Array
-from impedance_modules.control.adjust import scaled, single_arm
+from impedance_modules.control.adjust import as_taught, scaled, single_arm
 from impedance_modules.effects.apply import apply_patch, apply_to_surfaces
 from impedance_modules.effects.compensate import PatchCompensation, compensate_patch
 from impedance_modules.errors import BadInput
 from impedance_modules.modules.arms import TaskModules, build_modules
+from impedance_modules.robot.distances import Distances
+from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.safety.brake import BrakeGains, brake_gains, trusted_motor_damping
 from impedance_modules.safety.limits import FilterLimits, braking_deceleration, limits_of
@@ -127,6 +129,28 @@ def assemble(
         limits=_filter_limits(model, inertia, used_rate),
         brake=_brake_gains(model, inertia, used_rate),
         compensation=compensation,
+    )
+
+
+def taught(assembly: Assembly) -> Assembly:
+    """Returns a task to be played back as its springs teach it; any other as it is."""
+    return assembly if assembly.task.playback is None else replace(assembly, task=as_taught(assembly.task))
+
+
+def make_distances(assembly: Assembly, kinematics: Kinematics) -> Distances:
+    """Prepares to measure the distances of the robot's pairs of links.
+
+    Raises:
+        BadInput: A link's shape is not there or cannot be read.
+    """
+    limits = assembly.limits
+    return Distances(
+        kinematics,
+        assembly.robot.collision.pairs,
+        margin=limits.margin,
+        approach_time=limits.approach_time,
+        horizon=limits.pair_horizon,
+        period=assembly.period,
     )
 
 

@@ -18,7 +18,7 @@ from impedance_modules.arrays import Array
 from impedance_modules.backends.protocol import FirstState
 from impedance_modules.compiled import want_machine_code
 from impedance_modules.control import cycle as laws
-from impedance_modules.control.assembly import Assembly
+from impedance_modules.control.assembly import Assembly, make_distances
 from impedance_modules.control.compensator import Compensator, compensator_of
 from impedance_modules.control.cycle import FINE, STATE_NOT_FINITE, UNSOLVED, Cycle
 from impedance_modules.control.set_points import SetPoints, phase_set_points, place
@@ -64,18 +64,11 @@ class Controller:
     def __init__(self, assembly: Assembly) -> None:
         want_machine_code()
         self.assembly = assembly
-        model, modules, limits = assembly.model, assembly.modules, assembly.limits
+        model, modules = assembly.model, assembly.modules
         self.modules: TaskModules = modules
         self.kinematics = Kinematics(model, modules.frames)
         pairs = assembly.robot.collision.pairs
-        self.distances = Distances(
-            self.kinematics,
-            pairs,
-            margin=limits.margin,
-            approach_time=limits.approach_time,
-            horizon=limits.pair_horizon,
-            period=assembly.period,
-        )
+        self.distances = make_distances(assembly, self.kinematics)
         self.layout = FilterLayout(model.joint_names, tuple(f"{first}-{second}" for first, second in pairs))
         self.solver = make_solver(assembly.robot.solver)
         self.module_names = module_names(modules, compensated=assembly.compensation is not None)

@@ -48,14 +48,16 @@ def apply_to_plant(model: RobotModel, patch: PatchSpec) -> PlantEffects:
         patch: Checked by ``apply_patch``.
 
     Raises:
-        BadInput: An effect needs something that the robot lacks, e.g. a gap in a joint without a spring.
+        BadFile: An effect needs something that the robot lacks, e.g. a gap in a joint without a spring; every one.
     """
-    builder = PlantBuilder(model)
-    for effect, port, parameters in effects_of_patch(patch):
+    builder, problems = PlantBuilder(model), []
+    for place, (effect, port, parameters) in enumerate(effects_of_patch(patch)):
         try:
             effect.apply_to_plant(builder, port, parameters)
         except BadInput as error:
-            raise BadInput(f"{patch.path}: {error}") from None
+            problems.append(patch.document.problem(("effects", place, "effect"), str(error)))
+    if problems:
+        raise BadFile(problems)
     return builder.finish()
 
 

@@ -150,6 +150,11 @@ class Integrator:
         self._at_start = self._observed(plant.start, self._load)
         self._at_stage = self._observed(plant.stage, self._start_load)
 
+    @property
+    def has_effects(self) -> bool:
+        """Whether effects add torque or couple motors."""
+        return bool(self.torques) or self._coupled
+
     def place(self) -> None:
         """Brings hand poses and Jacobians and contact geometry to the present state."""
         if place(self.plant, CLEARANCE):
@@ -162,7 +167,7 @@ class Integrator:
 
     def advance(self, steps: int) -> None:
         """Moves on by some steps."""
-        if self.torques or self._coupled:
+        if self.has_effects:
             for _ in range(steps):
                 self._advance_with_effects()
             return

@@ -31,16 +31,13 @@ from impedance_modules.plant.point_contact import SurfaceDistances
 from impedance_modules.plant.pushes import Pushes
 from impedance_modules.plant.rigid_object import ObjectBody
 from impedance_modules.plant.sensors import Sensors
-from impedance_modules.plant.step_stability import stable_step
+from impedance_modules.plant.step_stability import SHORTEST_STEP, refuse_step, stable_step
 from impedance_modules.plant.torque_feedback import TorqueFeedback
 from impedance_modules.records import Vector
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.state import RobotState
 from impedance_modules.spec.robot_spec import ROBOT_LOOP_PERIOD, UPRIGHT_GRAVITY
 from impedance_modules.spec.task import PushSpec, SurfaceSpec
-
-SHORTEST_STEP = 0.25e-3 / 8.0
-"""Down to which a run divides its integration steps for a light object or a stiff surface [s]."""
 
 
 @dataclass(frozen=True)
@@ -52,8 +49,7 @@ class PlantOptions:
         seed: Of the sensor noise; the same seed gives the same run, bit by bit.
         noise: Sensor noise as the robot file declares it; False switches it off.
         step: Longest integration step [s]; whole steps fill the robot's own loop.
-        shortest_step: Down to which it is divided where parts of the plant are too light or too stiff for it [s];
-            None takes ``step`` or refuses.
+        shortest_step: Down to which the plant divides it where its parts are too light or too stiff for it [s].
         gravity: Acceleration in world axes [m/s^2].
     """
 
@@ -61,7 +57,7 @@ class PlantOptions:
     seed: int
     noise: bool = True
     step: float = 0.25e-3
-    shortest_step: float | None = None
+    shortest_step: float = SHORTEST_STEP
     gravity: tuple[float, float, float] = UPRIGHT_GRAVITY
 
     def __post_init__(self) -> None:
@@ -69,7 +65,7 @@ class PlantOptions:
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise BadInput(f"plant option {name} is {value}; valid: a finite number above 0")
-        if self.shortest_step is not None and not 0.0 < self.shortest_step <= self.step:
+        if not 0.0 < self.shortest_step <= self.step:
             raise BadInput(
                 f"plant option shortest_step is {self.shortest_step}; valid: above 0, up to step, {self.step}"
             )
@@ -187,7 +183,7 @@ class Plant(GroundTruth):
         weight if the task says that the arms do.
 
         Raises:
-            BadInput: q has another length, or the integration step is too long for this plant.
+            BadInput: q has another length, or no integration step is short enough for this plant.
         """
         position = checked_effort(q, self.model.n)
         self.aim(position, np.zeros(self.model.n))
@@ -195,15 +191,23 @@ class Plant(GroundTruth):
         self.state.start.whole[-WORK_SIZE:] = 0.0
         self._start_robot(position)
 
+    def refuse_start(self, q: Vector) -> None:
+        """Puts everything at rest at q (n,) [rad] and refuses what ``reset`` would; leaves the plant unfit to run.
+
+        Raises:
+            BadInput: As in ``reset``.
+        """
+        self._start.rest(checked_effort(q, self.model.n))
+        refuse_step(self._integrator, self._options.shortest_step)
+
     def _rest(self, position: Vector) -> None:
         """Puts everything at rest, with a step that is short enough for all of it."""
         self.division = divide(self._options)
         self._integrator.step = self.division.step
         self.start_command = self._start.rest(position)
-        shortest = self._options.shortest_step
-        step = stable_step(self._integrator, self.division.step if shortest is None else shortest)
+        step = stable_step(self._integrator, self._options.shortest_step)
         if step < self.division.step:
-            self.division = divide(replace(self._options, step=step, shortest_step=None))
+            self.division = divide(replace(self._options, step=step, shortest_step=step))
             self._integrator.step = self.division.step
             self.start_command = self._start.rest(position)
 

@@ -1,11 +1,22 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""Refuses a step that the plant's own stiff parts would make unstable.
+r"""Finds a step that the plant's own stiff parts leave stable; refuses parts that no step could follow.
 
 The rate is linearised at the start by finite differences; the Runge-Kutta method multiplies each mode
 \lambda by R(z) = 1 + z + z^2/2 + z^3/6 + z^4/24, z = h \lambda, which must not outgrow exp(Re z).
+
+Whether even the shortest step is stable is first asked of a bound, for it costs far less than the modes. Of masses M,
+springs K and dampers C no mode is faster than
+
+    |\lambda|  <=  c / 2 + sqrt(c^2 / 4 + k),      k = tr(K M^-1),      c = tr(C M^-1)
+
+because a trace of eigenvalues that are not negative is at least the largest of them.
 """
 
 from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +38,50 @@ DIFFERENCE = 1e-7
 """Of the finite differences, in the state's units."""
 
 
+SHORTEST_STEP = 1e-6
+"""Down to which a plant divides its steps for light and stiff parts [s]; a run then takes a thousand per ms."""
+
+STABLE = 2.78
+"""Of h |lambda|: up to here the Runge-Kutta method damps what is damped."""
+
+CLEARLY_STABLE = 0.1
+"""Of h |lambda|: up to here the Runge-Kutta method follows any mode to 1e-7."""
+
+
+@dataclass(frozen=True)
+class StiffPart:
+    """A part of the plant and its modes.
+
+    Attributes:
+        kind: ``joint``, ``surface``, ``object`` or ``hinge``.
+        index: Of the joint or the surface; 0 for the others.
+        name: In words.
+        modes: [1/s].
+    """
+
+    kind: str
+    index: int
+    name: str
+    modes: Complex
+
+    @property
+    def fastest(self) -> float:
+        """Largest magnitude of its modes [rad/s]."""
+        return float(np.abs(self.modes).max(initial=0.0))
+
+
+class StepTooShort(BadInput):
+    """A part of the plant is so light or so stiff that no step is short enough for it; ``part`` says which."""
+
+    def __init__(self, part: StiffPart, shortest: float) -> None:
+        self.part = part
+        super().__init__(
+            f"{part.name} has a mode at {part.fastest:.3g} rad/s, which no integration step down to {shortest:.3g} s"
+            f" follows (valid: at most {STABLE / shortest:.3g} rad/s, that is a larger inertia or a softer, less"
+            " damped spring)"
+        )
+
+
 def stable_step(integrator: Integrator, shortest: float) -> float:
     """Finds an integration step for all modes of the plant at its start, and of a grasp anywhere on its object.
 
@@ -34,29 +89,79 @@ def stable_step(integrator: Integrator, shortest: float) -> float:
         The integrator's own step [s] where that is stable, else the longest one of its whole divisions that is.
 
     Raises:
-        BadInput: Even ``shortest`` [s] is too long for the lightest part on the stiffest spring.
+        StepTooShort: It would be shorter than ``shortest`` [s]; names the fastest part.
     """
-    modes = np.concatenate(
-        [
-            plant_modes(integrator),
-            contact_modes(integrator),
-            palm_modes(integrator),
-            hinge_modes(integrator.plant),
-        ]
-    )
+    modes = np.concatenate([plant_modes(integrator), *(part.modes for part in _surroundings(integrator))])
     step, parts = integrator.step, 1
-    while not stable(modes, step / parts) and step / parts >= shortest:
-        parts += 1
-    if step / parts >= shortest * (1.0 - 1e-9):
-        return step / parts
     while not stable(modes, step / parts):
         parts += 1
-    fastest = float(np.abs(modes).max())
-    raise BadInput(
-        f"an integration step of {max(shortest, step / parts):.3g} s is too long for a mode at {fastest:.4g} rad/s"
-        f" of the joints, the held object or a surface (valid: at most {step / parts:.3g} s; or a heavier, larger"
-        " object, a softer surface)"
-    )
+        if step / parts < shortest * (1.0 - 1e-9):
+            raise StepTooShort(_fastest_part(integrator), shortest)
+    return step / parts
+
+
+def refuse_step(integrator: Integrator, shortest: float) -> None:
+    """Refuses a plant for which ``stable_step`` finds no step, at a fraction of its cost.
+
+    Raises:
+        StepTooShort: As there.
+    """
+    fastest = mode_bound(integrator) + sum(part.fastest for part in _surroundings(integrator))
+    if integrator.has_effects or fastest * shortest > CLEARLY_STABLE:
+        stable_step(integrator, shortest)
+
+
+def mode_bound(integrator: Integrator) -> float:
+    """Bounds the modes of joints and grasps where the plant stands, without effects [rad/s]."""
+    plant, mobility = integrator.plant, integrator.link_mobility()
+    joints, links = plant.joints, np.diag(mobility)
+    elastic = joints["kind"] == ELASTIC
+    rotors = np.where(elastic, 1.0 / np.where(elastic, joints["reflected_inertia"], 1.0), 0.0)
+    squared = float(joints["stiffness"][elastic] @ (links + rotors)[elastic])
+    damped = float(joints["spring_damping"][elastic] @ (links + rotors)[elastic])
+    damped += float(joints["motor_damping"] @ np.where(elastic, rotors, links))
+    for hand, J in zip(plant.hands, plant.jacobian, strict=True):
+        if hand["holds"]:
+            at_object = carry(hand["rest_point"])
+            lightness = np.diag(J @ mobility @ J.T + at_object @ _object_mobility(plant.body) @ at_object.T)
+            held = np.repeat([hand["linear_stiffness"], hand["angular_stiffness"]], 3) @ lightness
+            squared += float(held)
+            damped += GRASP_DAMPING_TIME * float(held)
+    return 0.5 * damped + math.sqrt(0.25 * damped**2 + squared)
+
+
+def _surroundings(integrator: Integrator) -> Iterator[StiffPart]:
+    """Lists what hands and object may come to press on, with modes that the start posture need not show."""
+    surfaces = np.unique(integrator.plant.contacts["surface"])
+    for index in map(int, surfaces):
+        hands, held = contact_modes(integrator, index)
+        yield StiffPart("surface", index, "a hand on this surface", hands)
+        yield StiffPart("object", 0, f"the held object on environment[{index}]", held)
+    yield StiffPart("object", 0, "the object between palms", palm_modes(integrator))
+    yield StiffPart("hinge", 0, "the object on its hinge", hinge_modes(integrator.plant))
+
+
+def _fastest_part(integrator: Integrator) -> StiffPart:
+    """Finds what the fastest mode of all belongs to."""
+    parts = [*_joint_parts(integrator), *_surroundings(integrator)]
+    return max(parts, key=lambda part: part.fastest)
+
+
+def _joint_parts(integrator: Integrator) -> Iterator[StiffPart]:
+    """Gives the fastest mode of the plant where it stands to the joint, or the object, that moves most in it."""
+    plant, n = integrator.plant, integrator.plant.n
+    used, matrix = _linearised(integrator)
+    modes, shapes = np.linalg.eig(matrix)
+    fastest = int(np.argmax(np.abs(modes)))
+    place = int(used[np.argmax(np.abs(shapes[:, fastest]))])
+    mode = np.array([modes[fastest]], dtype=complex)
+    if place >= 4 * n:
+        yield StiffPart("object", 0, "the held object", mode)
+        return
+    joint, name = place % n, str(integrator.links.names[1 + place % n])
+    own = plant.joints[joint]
+    rotor = f", rotor {own['reflected_inertia']:g} kg.m^2" if own["kind"] == ELASTIC else ""
+    yield StiffPart("joint", joint, f"joint '{name}' (spring {own['stiffness']:g} N.m/rad{rotor})", mode)
 
 
 def stable(modes: Complex, step: float) -> bool:
@@ -68,6 +173,12 @@ def stable(modes: Complex, step: float) -> bool:
 
 def plant_modes(integrator: Integrator) -> Complex:
     """Computes the eigenvalues [1/s] of the plant linearised where it stands."""
+    _, matrix = _linearised(integrator)
+    return np.asarray(np.linalg.eigvals(matrix), dtype=complex)
+
+
+def _linearised(integrator: Integrator) -> tuple[NDArray[np.intp], Matrix]:
+    """Gives the coordinates that move by themselves and the derivative of their rates by them [1/s]."""
     plant, stage = integrator.plant, integrator.plant.stage.whole
     integrator.refresh()
     size = stage.size - WORK_SIZE
@@ -83,7 +194,7 @@ def plant_modes(integrator: Integrator) -> Complex:
         columns[:, k] = (rates[0] - rates[1]) / (2.0 * DIFFERENCE)
     stage[:] = at_rest
     evaluate_rate(plant)
-    return np.asarray(np.linalg.eigvals(columns[np.ix_(used, used)]), dtype=complex)
+    return used, columns[np.ix_(used, used)]
 
 
 def _free_coordinates(plant: PlantState, size: int) -> NDArray[np.intp]:
@@ -105,12 +216,14 @@ def _full_rate(integrator: Integrator) -> Vector:
     return rate.whole
 
 
-def contact_modes(integrator: Integrator) -> Complex:
-    """Bounds the modes [1/s] of every hand, as one mass, and of the object on one of its faces, on every surface."""
+def contact_modes(integrator: Integrator, surface: int) -> tuple[Complex, Complex]:
+    """Bounds the modes [1/s] on a surface of every hand, as one mass, and of the object on one of its faces."""
     mobility, plant = integrator.link_mobility(), integrator.plant
-    modes: list[complex] = []
+    hands: list[complex] = []
+    held: list[complex] = []
     for body, stiffness, damping in {
-        (int(row["body"]), float(row["stiffness"]), float(row["damping"])) for row in plant.contacts
+        (int(row["body"]), float(row["stiffness"]), float(row["damping"]))
+        for row in plant.contacts[plant.contacts["surface"] == surface]
     }:
         if body < plant.hands.size:
             linear = plant.jacobian[body, :3]
@@ -118,8 +231,9 @@ def contact_modes(integrator: Integrator) -> Complex:
         else:
             points = plant.contacts["centre"][plant.contacts["body"] == body]
             lightness = _lightness_on_a_face(plant.body, np.unique(points, axis=0))
-        modes.extend(np.roots([1.0, damping * lightness, stiffness * lightness]))
-    return np.array(modes, dtype=complex)
+        modes = np.roots([1.0, damping * lightness, stiffness * lightness])
+        (hands if body < plant.hands.size else held).extend(modes)
+    return np.array(hands, dtype=complex), np.array(held, dtype=complex)
 
 
 def _lightness_on_a_face(body: ObjectState, points: Matrix) -> float:

@@ -10,32 +10,28 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from impedance_modules.control.adjust import as_taught
-from impedance_modules.control.assembly import Assembly
+from impedance_modules.control.assembly import Assembly, taught
 from impedance_modules.control.contact_detection import HandWrenches
 from impedance_modules.control.loop import Interrupt
 from impedance_modules.control.supervisor import Ending
-from impedance_modules.effects.apply import apply_to_plant
 from impedance_modules.episode.columns import joint_columns, pose_columns, wrench_columns
 from impedance_modules.episode.metadata import episode_metadata, library_versions
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.episode.run_folder import write_summary
 from impedance_modules.episode.writer import EpisodeWriter
 from impedance_modules.errors import BadInput, PlantNotFinite
-from impedance_modules.plant.joint_servos import DrivenPlant
-from impedance_modules.plant.plant import PlantOptions
 from impedance_modules.plant.playback import TICK, JointPath, Playback, PlaybackMode
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.state import RobotState
 from impedance_modules.runs.execution import RunOptions, carry_out, draw_run
 from impedance_modules.runs.recorder import write_poses
-from impedance_modules.runs.run_backends import sim_backend
+from impedance_modules.runs.task_plant import playback_plant, sim_backend
 from impedance_modules.spec.task import TaskPlayback
 
 TAUGHT = "taught"
@@ -67,7 +63,7 @@ def teach(assembly: Assembly, out: Path, seed: int, on_progress: Callable[[float
     Raises:
         BadInput: The springs did not come to the end of the task.
     """
-    lesson = replace(assembly, task=as_taught(assembly.task))
+    lesson = taught(assembly)
     options = RunOptions(out=out, seed=seed, duration=None, live=False, read_only=False, backend="sim")
     result = carry_out(lesson, sim_backend(lesson, seed), options, on_progress)
     if result.ending is not Ending.DONE:
@@ -95,9 +91,7 @@ def make_playback(assembly: Assembly, path: JointPath, seed: int, *, noise: bool
         BadInput: The task asks for no playback.
     """
     order = _order(assembly)
-    applied = None if assembly.patch is None else apply_to_plant(assembly.model, assembly.patch)
-    options = PlantOptions(rate=1.0 / TICK, seed=seed, noise=noise)
-    plant = DrivenPlant(assembly.model, options, applied, {}, assembly.task.environment)
+    plant = playback_plant(assembly, seed, noise=noise)
     return Playback(
         plant, path, PlaybackMode(order.mode), tuple(arm.limb.name for arm in assembly.modules.arms)
     )

@@ -14,25 +14,12 @@ from impedance_modules.backends.baxter.robot_link import RobotLink
 from impedance_modules.backends.baxter.session import Session
 from impedance_modules.backends.protocol import Backend
 from impedance_modules.backends.replay_backend import ReplayBackend
-from impedance_modules.backends.sim_backend import SimBackend
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.control.contact_detection import contact_checks
-from impedance_modules.effects.apply import apply_to_plant
 from impedance_modules.episode.data import Episode
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.errors import BadInput
-from impedance_modules.plant.plant import SHORTEST_STEP, Plant, PlantOptions
-from impedance_modules.plant.rigid_object import ObjectBody
-
-
-def sim_backend(assembly: Assembly, seed: int, *, noise: bool = True) -> SimBackend:
-    """Builds the plant with the task's surroundings behind a backend."""
-    task, model = assembly.task, assembly.model
-    held = None if task.object is None else ObjectBody.of_task(model, task.object)
-    options = PlantOptions(rate=assembly.rate, seed=seed, noise=noise, shortest_step=SHORTEST_STEP)
-    applied = None if assembly.patch is None else apply_to_plant(model, assembly.patch)
-    plant = Plant(model, task.environment, held, options, applied, pushes=task.pushes)
-    return SimBackend(plant, assembly.modules.posture, assembly.period)
+from impedance_modules.runs.task_plant import sim_backend
 
 
 def replay_backend(assembly: Assembly, log: Path) -> ReplayBackend:

@@ -22,7 +22,7 @@ from impedance_modules.control.supervisor import Ending, Supervisor
 from impedance_modules.errors import BadFile
 from impedance_modules.prediction.joint_limits import LimitsMet
 from impedance_modules.robot.state import RobotState
-from impedance_modules.runs.run_backends import sim_backend
+from impedance_modules.runs.task_plant import sim_backend
 
 ALLOWED = 1.01
 """Of a declared speed. A run with other noise than the trial's is to stay below 1.02."""

@@ -20,10 +20,10 @@ from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.control.loop import Interrupt, run_loop
 from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.errors import BadInput, ImpedanceError
-from impedance_modules.prediction.feasibility import refuse_infeasible
 from impedance_modules.runs.recorder import Recorder
-from impedance_modules.runs.run_backends import sim_backend
 from impedance_modules.runs.run_summary import Summary
+from impedance_modules.runs.task_acceptance import accept
+from impedance_modules.runs.task_plant import sim_backend
 from impedance_modules.tools.sweep_plan import SweepJob
 
 REFUSED = "refused"
@@ -64,7 +64,7 @@ def run_one(job: SweepJob) -> SweepRow:
             patch.write_text(job.patch, encoding="utf-8")
         try:
             assembly = assemble(str(folder / "task.yaml"), effects=patch, rate=job.rate, scale=1.0, arm=None)
-            refuse_infeasible(assembly)
+            accept(assembly)
             found = _carry_out(assembly, job, out)
         except ImpedanceError as error:
             reason = " | ".join(str(error).replace(f"{folder}/", "").splitlines())

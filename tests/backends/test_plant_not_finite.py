@@ -14,7 +14,7 @@ from impedance_modules.control.supervisor import Ending
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.errors import PlantNotFinite
 from impedance_modules.runs.execution import RunOptions, RunResult, carry_out
-from impedance_modules.runs.run_backends import sim_backend
+from impedance_modules.runs.task_plant import sim_backend
 
 BROKEN = {
     "velocity": (3, np.nan, "velocity of "),

@@ -12,7 +12,7 @@ from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.errors import ReplayMismatch
 from impedance_modules.runs.execution import RunOptions, RunResult, carry_out
-from impedance_modules.runs.run_backends import sim_backend
+from impedance_modules.runs.task_plant import sim_backend
 from impedance_modules.runs.verify import verify
 from impedance_modules.safety.stop_levels import StopLevel
 from impedance_modules.spec.robot_spec import JointOrigin, RobotSpec

@@ -9,7 +9,7 @@ import pytest
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.control.loop import Interrupt, run_loop
 from impedance_modules.control.supervisor import Supervisor
-from impedance_modules.runs.run_backends import sim_backend
+from impedance_modules.runs.task_plant import sim_backend
 from tests.control.test_passivity_on_the_plant import check_books, run_in_world
 from tests.support.effect_recordings import AppliedEffect, applied, write_patch
 from tests.support.swaying_arm import swaying

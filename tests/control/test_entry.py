@@ -13,7 +13,7 @@ from impedance_modules.control.controller import Controller
 from impedance_modules.control.set_points import BLENDING
 from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.robot.state import RobotState
-from impedance_modules.runs.run_backends import sim_backend
+from impedance_modules.runs.task_plant import sim_backend
 from tests.support.paths import TESTS
 
 RATE = 500.0

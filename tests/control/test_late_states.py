@@ -13,7 +13,7 @@ from impedance_modules.control.controller import Controller
 from impedance_modules.control.loop import Interrupt, run_loop
 from impedance_modules.control.supervisor import Ending, Supervisor
 from impedance_modules.robot.state import RobotState
-from impedance_modules.runs.run_backends import sim_backend
+from impedance_modules.runs.task_plant import sim_backend
 from impedance_modules.safety.tank import Tank, measure
 from tests.control.test_passivity_on_the_plant import ROUNDING, check_books, run_in_world
 from tests.support.adversity import Books, UnreliableRobot

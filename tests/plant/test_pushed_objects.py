@@ -6,10 +6,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from impedance_modules.errors import BadInput
-from impedance_modules.plant.plant import SHORTEST_STEP, Plant, PlantOptions
+from impedance_modules.plant.plant import Plant, PlantOptions
 from impedance_modules.plant.rigid_object import ObjectBody
-from impedance_modules.plant.step_stability import palm_modes, plant_modes
+from impedance_modules.plant.step_stability import SHORTEST_STEP, StepTooShort, palm_modes, plant_modes
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.task import PushSpec
 from tests.support.both_ways import machine_code  # noqa: F401 - a fixture
@@ -30,7 +29,7 @@ def held_plant(held: ObjectBody, *pushes: PushSpec, **options: object) -> Plant:
     model = RobotModel(spec)
     sign = spec.mirror.joint_sign
     start = posture(model, {**PALMS, "left": {name: sign[name] * q for name, q in PALMS["right"].items()}})
-    asked = PlantOptions(**{"rate": 1000.0, "seed": 0, "shortest_step": SHORTEST_STEP, **options})
+    asked = PlantOptions(**{"rate": 1000.0, "seed": 0, **options})
     height = float(model.pose(start, model.limbs["right"].hand).translation[2]) - 0.5
     subject = Plant(model, [plane(height)], held, asked, pushes=pushes)
     subject.reset(start)
@@ -140,7 +139,7 @@ def test_a_light_object_is_stepped_finer_and_one_too_light_is_refused() -> None:
     """The step is the longest whole part of 0.25 ms that keeps every mode stable; the box's own keeps it."""
     spec = exact(spec_of(BAXTER))
     steps = {}
-    for mass, size in ((1.2, (0.3, 0.2, 0.2)), (0.05, (0.05, 0.2, 0.05))):
+    for mass, size in ((1.2, (0.3, 0.2, 0.2)), (0.02, (0.05, 0.2, 0.05))):
         subject = held_plant(
             in_both_hands(spec, grasp="friction", friction=0.5, squeeze=15.0, mass=mass, size=size)
         )
@@ -148,12 +147,13 @@ def test_a_light_object_is_stepped_finer_and_one_too_light_is_refused() -> None:
         modes = np.concatenate([plant_modes(subject._integrator), palm_modes(subject._integrator)])
         z = steps[mass] * modes[np.abs(modes) > 1e3]
         assert np.abs(1 + z * (1 + z / 2 * (1 + z / 3 * (1 + z / 4)))).max() < 1.0
-    assert steps[1.2] == 0.25e-3 and SHORTEST_STEP <= steps[0.05] < 0.25e-3
+    assert steps[1.2] == 0.25e-3 and SHORTEST_STEP <= steps[0.02] < 0.05e-3
     light = in_both_hands(
-        spec, grasp="friction", friction=0.5, squeeze=15.0, mass=0.02, size=(0.05, 0.2, 0.05)
+        spec, grasp="friction", friction=0.5, squeeze=15.0, mass=1e-5, size=(0.05, 0.2, 0.05)
     )
-    with pytest.raises(BadInput, match=r"valid: at most \S+ s; or a heavier, larger object"):
+    with pytest.raises(StepTooShort, match="object between palms has a mode") as refused:
         held_plant(light)
+    assert refused.value.part.kind == "object"
 
 
 def test_palm_modes_bound_the_modes_at_any_posture_and_place() -> None:

@@ -11,7 +11,7 @@ from impedance_modules.control.assembly import Assembly
 from impedance_modules.control.loop import Interrupt, run_loop
 from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.prediction.feasibility import refuse_infeasible
-from impedance_modules.runs.run_backends import sim_backend
+from impedance_modules.runs.task_plant import sim_backend
 from tests.support.forecast_tasks import BOX, HOLD_AND_LIFT, assembled, predicted, wipe, write_task
 from tests.support.paths import CHECKOUT
 

@@ -22,7 +22,7 @@ from impedance_modules.prediction.forecast import forecast_task
 from impedance_modules.prediction.hinge_resistance import HingeResistance
 from impedance_modules.prediction.mechanism import Mechanism, Setting
 from impedance_modules.prediction.statics import Loads, find_rest
-from impedance_modules.runs.run_backends import sim_backend
+from impedance_modules.runs.task_plant import sim_backend
 from impedance_modules.spec.hinge_spec import HingeSpec
 from tests.support.forecast_tasks import assembled, predicted, write_task
 from tests.support.paths import CHECKOUT, TESTS

@@ -18,7 +18,7 @@ from impedance_modules.control.loop import Interrupt, run_loop
 from impedance_modules.control.supervisor import Ending, Supervisor
 from impedance_modules.plant.plant import Plant
 from impedance_modules.robot.state import RobotState
-from impedance_modules.runs.run_backends import sim_backend
+from impedance_modules.runs.task_plant import sim_backend
 from tests.support.paths import CHECKOUT
 
 Array = NDArray[np.float64]

@@ -108,7 +108,8 @@ def apply_causes(
     model = RobotModel(apply_patch(changed, patch) if effects else changed)
     applied = apply_to_plant(model, patch)
     for step in STEPS:
-        plant = RolloutPlant(model, [], None, PlantOptions(RATE, seed=0, noise=False, step=step), applied)
+        options = PlantOptions(RATE, seed=0, noise=False, step=step, shortest_step=step)
+        plant = RolloutPlant(model, [], None, options, applied)
         try:
             plant.reset(np.zeros(model.n))
         except BadInput:
