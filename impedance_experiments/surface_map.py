@@ -13,6 +13,7 @@ from impedance_modules.backends.sim_backend import SimBackend
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.episode.data import Episode
 from impedance_modules.episode.reader import read_episode
+from impedance_modules.plant.plant import Plant
 from impedance_modules.runs.execution import RunOptions, carry_out
 from impedance_modules.runs.task_plant import sim_backend
 from impedance_modules.tools.surface_fit import SurfaceMap, map_surface, touches_of
@@ -63,7 +64,7 @@ def reproduce(settings: Settings) -> Page:
     )
 
 
-def _record(assembly: Assembly, backend: SimBackend, settings: Settings) -> Episode:
+def _record(assembly: Assembly, backend: SimBackend[Plant], settings: Settings) -> Episode:
     out: Path = settings.work / TASK
     options = RunOptions(out, settings.seed, None, live=False, read_only=False, backend="sim")
     lasts = sum(phase.duration for phase in assembly.task.phases)

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.arrays import Array
-from impedance_modules.backends.sim_backend import SimBackend
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.control.loop import Interrupt, run_loop
 from impedance_modules.control.supervisor import Supervisor
@@ -74,7 +73,7 @@ def watch_task(assembly: Assembly, observe: Observer, *, seed: int = 0, noise: b
     """
     supervisor = Supervisor(assembly)
     supervisor.controller.warm()
-    backend: SimBackend = sim_backend(assembly, seed, noise=noise)
+    backend = sim_backend(assembly, seed, noise=noise)
     first = backend.start()
     supervisor.start(first)
     run_loop(

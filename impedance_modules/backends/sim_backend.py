@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The built-in plant as a backend: as fast as the machine allows, one control period per ``read``."""
+"""A simulated robot as a backend: as fast as the machine allows, one control period per ``read``."""
 
 from __future__ import annotations
+
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.backends.protocol import Finish, FirstState
 from impedance_modules.errors import NotConnected, PlantNotFinite
-from impedance_modules.plant.plant import Plant
 from impedance_modules.robot.state import RobotState
 
 Array = NDArray[np.float64]
@@ -17,14 +18,40 @@ SETTLING = 0.5
 """Time simulated in the robot's own mode after the torque ended [s]."""
 
 
-class SimBackend:
-    """A plant behind the four methods of ``Backend``.
+class SimulatedRobot(Protocol):
+    """Physics and a robot's own side of it, in whole control periods; the built-in ``plant.plant.Plant`` is one."""
+
+    @property
+    def start_command(self) -> Array:
+        """(n,) torque [N.m] that carries the start load; it acts before the first command."""
+
+    def warm(self, q: Array) -> None:
+        """Prepares what a first period would have to wait for, and stands reset at q (n,) [rad]."""
+
+    def sense(self) -> RobotState:
+        """Reports what the robot measures now."""
+
+    def advance(self, command: Array | None) -> None:
+        """Advances by one control period with a new torque command (n,) [N.m], or without one."""
+
+    def hold(self) -> None:
+        """Orders the robot's own position mode."""
+
+    def release(self) -> None:
+        """Orders zero torque."""
+
+
+P = TypeVar("P", bound=SimulatedRobot)
+
+
+class SimBackend(Generic[P]):
+    """A simulated robot behind the four methods of ``Backend``.
 
     Attributes:
         plant: The simulated physics; for recordings and tests, never for the controller.
     """
 
-    def __init__(self, plant: Plant, posture: Array, period: float) -> None:
+    def __init__(self, plant: P, posture: Array, period: float) -> None:
         """Args are the plant, its start posture (n,) [rad] and the control period [s]."""
         self.plant = plant
         self._posture = posture

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from impedance_modules.control.assembly import Assembly
     from impedance_modules.runs.execution import RunResult
 
-BACKENDS = ("sim", "replay", "baxter")
+BACKENDS = ("sim", "mujoco", "replay", "baxter")
 
 
 @click.command("run")
@@ -97,7 +97,7 @@ def run_command(
     real = backend == "baxter"
     if real and allow_unstable:
         raise BadInput(
-            "--allow-unstable: a real robot runs no loop that is predicted to be unstable (valid: sim, replay)"
+            "--allow-unstable: a real robot runs no loop that is predicted to be unstable (valid: sim, mujoco, replay)"
         )
     console = Terminal()
     with ExitStack() as closing:

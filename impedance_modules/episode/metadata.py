@@ -61,10 +61,10 @@ def episode_metadata(
     return metadata
 
 
-def library_versions() -> dict[str, str]:
-    """Returns the installed version of every library that a run's numbers depend on."""
+def library_versions(*more: str) -> dict[str, str]:
+    """Returns the installed version of every library that a run's numbers depend on, and of others by name."""
     found = {}
-    for name in LIBRARIES:
+    for name in (*LIBRARIES, *more):
         try:
             found[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:

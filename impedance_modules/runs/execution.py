@@ -27,6 +27,9 @@ from impedance_modules.runs.scene_view import SceneView
 PICTURE_SAMPLES = 20_000
 """More would not be seen in the picture, and ten minutes of them would fill 400 MB."""
 
+SIMULATED = ("sim", "mujoco", "replay")
+"""Backends whose time is not real: a run may wait for the disk, and is as fast as the machine allows."""
+
 FREE_PART = 0.5
 """Part of a real robot's period, counted from the end of a cycle, in which files are written."""
 
@@ -90,7 +93,7 @@ def carry_out(
     """
     supervisor = Supervisor(assembly)
     supervisor.controller.warm()
-    simulated = options.backend in ("sim", "replay")
+    simulated = options.backend in SIMULATED
     real = backend if isinstance(backend, RealRobot) else None
     interrupt = Interrupt()
     with ExitStack() as ending:

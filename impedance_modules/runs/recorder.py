@@ -44,6 +44,9 @@ SCALARS = (
 number of active filter rows; 1 where the last torque came too late or somebody asked for a stop. ``write_row`` knows
 the order."""
 
+SIMULATORS = {"mujoco": ("mujoco-core",)}
+"""Backend -> package whose physics a recording comes from; the built-in plant's is this one."""
+
 MISSED = "missed"
 """Column of a real robot's episode: control cycles without a state since the row before."""
 
@@ -288,7 +291,7 @@ def run_metadata(
             for name, origin in assembly.robot.joint_origins.items()
         },
         acting=acting.tolist(),
-        versions=library_versions(),
+        versions=library_versions(*SIMULATORS.get(backend, ())),
         effort_max=dict(zip(names, limits.effort_max.tolist(), strict=True)),
         tank={"floor": assembly.tank.floor, "max": assembly.tank.max, "initial": assembly.tank.initial},
         limbs={arm.limb.name: list(arm.limb.joint_names) for arm in assembly.modules.arms},

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The backend of a run: the built-in plant, a recording that is fed back, or the real robot."""
+"""The backend of a run: the built-in plant, MuJoCo, a recording that is fed back, or the real robot."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,12 +15,48 @@ from impedance_modules.backends.baxter.robot_link import RobotLink
 from impedance_modules.backends.baxter.session import Session
 from impedance_modules.backends.protocol import Backend
 from impedance_modules.backends.replay_backend import ReplayBackend
+from impedance_modules.backends.sim_backend import SimBackend
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.control.contact_detection import contact_checks
 from impedance_modules.episode.data import Episode
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.errors import BadInput
+from impedance_modules.plant.plant import PlantOptions
 from impedance_modules.runs.task_plant import sim_backend
+
+if TYPE_CHECKING:
+    from impedance_modules.backends.mujoco.mujoco_plant import MujocoPlant
+
+
+def mujoco_backend(assembly: Assembly, seed: int, *, noise: bool = True) -> SimBackend[MujocoPlant]:
+    """Builds the task's scene in MuJoCo behind a backend.
+
+    Args:
+        assembly: The task.
+        seed: Of the sensors' noise.
+        noise: Whether there is any.
+
+    Raises:
+        BadInput, BadFile: MuJoCo is not installed, or a surface, an effect or the model is nothing it can have.
+    """
+    try:
+        from impedance_modules.backends.mujoco.assembled_plant import mujoco_plant  # noqa: PLC0415 - an extra
+    except ModuleNotFoundError as error:
+        if error.name != "mujoco":
+            raise
+        raise BadInput(
+            "--backend mujoco: MuJoCo is not installed (valid: pip install 'impedance-modules[mujoco]', or"
+            " --backend sim)"
+        ) from None
+    task, modules = assembly.task, assembly.modules
+    plant = mujoco_plant(
+        assembly.model,
+        task,
+        modules.posture,
+        PlantOptions(rate=assembly.rate, seed=seed, noise=noise),
+        patch=assembly.patch,
+    )
+    return SimBackend(plant, modules.posture, assembly.period)
 
 
 def replay_backend(assembly: Assembly, log: Path) -> ReplayBackend:
@@ -54,6 +91,8 @@ def make_backend(assembly: Assembly, *, backend: str, log: Path | None, seed: in
     """
     if backend == "sim":
         return sim_backend(assembly, seed)
+    if backend == "mujoco":
+        return mujoco_backend(assembly, seed)
     if log is None:
         raise BadInput("--backend replay needs --log DIR, the recording to feed back")
     return replay_backend(assembly, log)

@@ -12,7 +12,7 @@ from impedance_modules.plant.playback import TICK
 from impedance_modules.plant.rigid_object import ObjectBody
 
 
-def sim_backend(assembly: Assembly, seed: int, *, noise: bool = True) -> SimBackend:
+def sim_backend(assembly: Assembly, seed: int, *, noise: bool = True) -> SimBackend[Plant]:
     """Builds the plant with the task's surroundings behind a backend."""
     task, model = assembly.task, assembly.model
     held = None if task.object is None else ObjectBody.of_task(model, task.object)

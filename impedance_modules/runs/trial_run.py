@@ -20,6 +20,7 @@ from impedance_modules.control.assembly import Assembly
 from impedance_modules.control.loop import Interrupt, no_collections, run_loop
 from impedance_modules.control.supervisor import Ending, Supervisor
 from impedance_modules.errors import BadFile
+from impedance_modules.plant.plant import Plant
 from impedance_modules.prediction.joint_limits import LimitsMet
 from impedance_modules.robot.state import RobotState
 from impedance_modules.runs.task_plant import sim_backend
@@ -126,7 +127,7 @@ class _Watch:
     """
 
     def __init__(
-        self, supervisor: Supervisor, backend: SimBackend, on_progress: Callable[[float, str], None]
+        self, supervisor: Supervisor, backend: SimBackend[Plant], on_progress: Callable[[float, str], None]
     ) -> None:
         self.interrupt = Interrupt()
         self.share, self.joint, self.time, self.phase = 0.0, 0, 0.0, 0
