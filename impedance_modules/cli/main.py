@@ -30,6 +30,7 @@ VERBS = {
     "tune": "tune_verb",
     "sweep": "sweep_verb",
     "roughness": "surface_verbs",
+    "robot": "robot_verb",
     "reproduce": "reproduce_verb",
     "baxter": "baxter",
 }

@@ -17,6 +17,7 @@ from impedance_modules.prediction.compensation_forecast import CompensationForec
 from impedance_modules.prediction.forecast import Deflection, Forecast, JointLoad, PhaseForecast
 from impedance_modules.prediction.inner_loop_limit import InnerLoopLimit, inner_loop_limit
 from impedance_modules.prediction.loop_stability import STIFFEST, StabilityForecast
+from impedance_modules.spec.robot_postures import assumed_notes
 
 if TYPE_CHECKING:
     from impedance_modules.runs.trial_run import Trial
@@ -46,7 +47,7 @@ def print_forecast(assembly: Assembly, forecast: Forecast, trial: Trial | None) 
         console.print(_compensation(forecast.compensation))
     if trial is not None:
         console.print(trial_line(trial), soft_wrap=True)
-    for note in forecast.notes:
+    for note in (*forecast.notes, *assumed_notes(assembly.robot)):
         console.print(styled("[yellow]note[/yellow]: {}", note), soft_wrap=True)
 
 

@@ -119,6 +119,7 @@ class _Tree:
         self.unused: dict[str, list[str]] = {}
         self._model = model
         self._count = 0
+        self._standing = {"world"}
         ET.SubElement(self.robot, "link", name="world")
 
     def contents(self, element: ET.Element, link: str, placed: Placement) -> None:
@@ -153,7 +154,11 @@ class _Tree:
         if not joints:
             self._add_joint(f"{name} on {link}", "fixed", (link, name), placed)
             placed = np.eye(3), np.zeros(3)
-        self._inertial(name, self._inertia(body), placed)
+        if not joints and link in self._standing:
+            self._standing.add(name)
+        # What is fixed to the world needs no inertia, so none is asked of shapes whose volume is not known.
+        if name not in self._standing or body.find("inertial") is not None:
+            self._inertial(name, self._inertia(body), placed)
         if np.any(sized(self._model, body, "gravcomp", (0.0,))):
             self.unused.setdefault("gravcomp", []).append(name)
         self.contents(body, name, placed)

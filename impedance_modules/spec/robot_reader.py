@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from impedance_modules.input_files import is_file
 from impedance_modules.spec.document import Document, scan_document
 from impedance_modules.spec.locate import ROBOT_FILE, find_robot
 from impedance_modules.spec.mesh_files import folders_looked_in
+from impedance_modules.spec.robot_postures import assumed_numbers, posture_problems
 from impedance_modules.spec.robot_spec import (
     CollisionSpec,
     ContactDetectionSpec,
@@ -60,7 +62,7 @@ def read_robot(name_or_folder: str | Path, beside: Path | None = None) -> RobotS
     problems = robot_problems(document, read_urdf(folder / document.data["urdf"]))
     if problems:
         raise BadFile(problems)
-    return _build(document.data, folder)
+    return replace(_build(document.data, folder), assumed=assumed_numbers(document))
 
 
 def robot_problems(document: Document, urdf: UrdfFacts) -> list[Problem]:
@@ -82,6 +84,7 @@ def robot_problems(document: Document, urdf: UrdfFacts) -> list[Problem]:
         *_collision_problems(document, urdf),
         *_playback_problems(document),
         *_inner_torque_loop_problems(document),
+        *posture_problems(document),
     ]
 
 
@@ -110,6 +113,10 @@ def _build(data: Mapping[str, Any], folder: Path) -> RobotSpec:
         inner_torque_loop=_inner_torque_loop(data["inner_torque_loop"])
         if "inner_torque_loop" in data
         else None,
+        postures={
+            name: {limb: _numbers(angles) for limb, angles in limbs.items()}
+            for name, limbs in data.get("postures", {}).items()
+        },
     )
 
 
@@ -129,7 +136,8 @@ def _inner_torque_loop(data: Mapping[str, Any]) -> InnerTorqueLoopSpec:
 
 
 def _mirror(data: Mapping[str, Any]) -> MirrorSpec:
-    return MirrorSpec(data["plane"], {short: int(sign) for short, sign in data["joint_sign"].items()})
+    signs = {short: int(sign) for short, sign in data.get("joint_sign", {}).items()}
+    return MirrorSpec(data["plane"], signs, _numbers(data.get("joint_offset", {})))
 
 
 def _joints(data: Mapping[str, Any]) -> dict[str, JointSpec]:
@@ -337,10 +345,14 @@ def _inertia_problems(document: Document, urdf: UrdfFacts) -> Iterator[Problem]:
 
 
 def _mirror_problems(document: Document) -> Iterator[Problem]:
-    """The mirror's signs cover the short joint names, which all limbs share."""
-    if "mirror" not in document.data:
+    """The mirror's signs cover the short joint names, which all limbs share; offsets have a sign."""
+    signs = document.data.get("mirror", {}).get("joint_sign")
+    if signs is None:
         return
-    signs = document.data["mirror"]["joint_sign"]
+    for short in document.data["mirror"].get("joint_offset", {}):
+        if short not in signs:
+            message = f"'{short}' has an offset and no sign{nearest(short, list(signs))}"
+            yield document.problem(("mirror", "joint_offset", short), message, list(signs), at="key")
     for limb_name, limb in document.data["limbs"].items():
         missing = [short for short in limb["joints"] if short not in signs]
         if missing:

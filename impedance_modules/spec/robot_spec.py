@@ -67,11 +67,13 @@ class MirrorSpec:
     Attributes:
         plane: ``xz``: poses, wrenches, stiffness and targets by diag(1, -1, 1, -1, 1, -1); ``yz`` and
             ``xy`` likewise.
-        joint_sign: Short joint name -> +1 or -1.
+        joint_sign: Short joint name -> +1 or -1; empty where no signs make one arm the image of the other.
+        joint_offset: Short joint name -> what is added to the signed angle [rad]; 0 for joints left out.
     """
 
     plane: str
     joint_sign: Mapping[str, int]
+    joint_offset: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -209,6 +211,19 @@ class ParallelSpringSpec:
 
 
 @dataclass(frozen=True)
+class AssumedNumber:
+    """Numbers of a robot file that nobody has published or measured.
+
+    Attributes:
+        key: What the list ``assumed`` calls them.
+        line: Where it does so in ``robot.yaml``.
+    """
+
+    key: str
+    line: int
+
+
+@dataclass(frozen=True)
 class JointOrigin:
     """Where a joint sits in its parent link, as a URDF says it.
 
@@ -238,6 +253,8 @@ class RobotSpec:
         joint_origins: URDF joint name -> where this very robot has been calibrated to have it; none in a robot file.
         playback: The robot's own way to play a joint path back; None where it has none.
         inner_torque_loop: The robot's own feedback of torque; None where it has none.
+        postures: Name -> limb -> angle by short joint name [rad], all joints of the limb.
+        assumed: What in the file is a cautious guess.
     """
 
     name: str
@@ -260,3 +277,5 @@ class RobotSpec:
     joint_origins: Mapping[str, JointOrigin] = field(default_factory=dict)
     playback: PlaybackSpec | None = None
     inner_torque_loop: InnerTorqueLoopSpec | None = None
+    postures: Mapping[str, Mapping[str, Mapping[str, float]]] = field(default_factory=dict)
+    assumed: tuple[AssumedNumber, ...] = ()

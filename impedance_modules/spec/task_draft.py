@@ -153,8 +153,12 @@ def twist_signs(plane: str) -> NDArray[np.float64]:
 
 def mirrored_posture(posture: Mapping[str, float], mirror: MirrorSpec) -> Mapping[str, float]:
     """Joint angles [rad] of the mirror image; joints without a sign are left out."""
-    signs = mirror.joint_sign
-    return {joint: signs[joint] * angle + 0.0 for joint, angle in posture.items() if joint in signs}
+    signs, offsets = mirror.joint_sign, mirror.joint_offset
+    return {
+        joint: signs[joint] * angle + offsets.get(joint, 0.0)
+        for joint, angle in posture.items()
+        if joint in signs
+    }
 
 
 def mirrored_frames(source: LimbSpec, image: LimbSpec, urdf: UrdfFacts) -> Mapping[str, str]:

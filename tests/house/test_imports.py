@@ -14,7 +14,7 @@ PACKAGE = CHECKOUT / "impedance_modules"
 
 ORDER = (
     "errors", "input_files strict_json plain_figures compiled records machine_code", "spec", "robot", "effects modules",
-    "superposition export", "safety plant episode", "backends", "control", "prediction", "runs",
+    "superposition export", "new_robot safety plant episode", "backends", "control", "prediction", "runs",
     "tools diagnosis", "cli",
 )  # fmt: skip
 RANK = {name: rank for rank, names in enumerate(ORDER) for name in names.split()}
@@ -137,7 +137,12 @@ def _robot_words() -> set[str]:
         words |= {str(part.get("name")) for kind in ("joint", "link") for part in root.iter(kind)}
         words.add(urdf.stem)
     # Words that are ordinary English outside a robot.
-    return (words | {"right", "left", "s0", "s1", "e0", "e1", "w0", "w1", "w2"}) - {"base", "head", "world"}
+    return (words | {"right", "left", "s0", "s1", "e0", "e1", "w0", "w1", "w2"}) - {
+        "base",
+        "head",
+        "world",
+        "mount",
+    }
 
 
 def test_the_package_knows_no_robot() -> None:

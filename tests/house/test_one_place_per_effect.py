@@ -23,7 +23,14 @@ from tests.support.effect_recordings import nominal, start
 from tests.support.paths import CHECKOUT
 
 SAME_WORD = {
-    "reflected_inertia": {"spec", "robot", "plant", "prediction", "runs"},  # a joint's number in robot.yaml
+    "reflected_inertia": {
+        "spec",
+        "new_robot",
+        "robot",
+        "plant",
+        "prediction",
+        "runs",
+    },  # a joint's number in robot.yaml
     "added_mass": {"plant"},  # a column of the links' table
     "command_delay": {"spec"},  # a number of robot.yaml's timing
     "hysteresis": {"backends"},  # a field of Baxter's message SEAJointState
