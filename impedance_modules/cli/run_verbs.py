@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
     from impedance_modules.backends.baxter.session import DeferredSession
     from impedance_modules.control.assembly import Assembly
+    from impedance_modules.control.set_point_source import SetPointSource
     from impedance_modules.runs.execution import RunResult
 
 BACKENDS = ("sim", "mujoco", "replay", "baxter")
@@ -65,6 +66,14 @@ BACKENDS = ("sim", "mujoco", "replay", "baxter")
     is_flag=True,
     help="Let a real robot's position mode bring the arms to the task's start first.",
 )
+@click.option(
+    "--listen",
+    is_flag=False,
+    flag_value="",
+    metavar="[HOST:PORT]",
+    help="Follow set-points that arrive there, in phases that listen; simulated robots then run in real time"
+    "  [default: 127.0.0.1:5586].",
+)
 def run_command(
     task: str,
     arm: str | None,
@@ -82,6 +91,7 @@ def run_command(
     allow_unstable: bool,
     transport: str,
     approach: bool,
+    listen: str | None,
 ) -> int:
     """Carry out TASK, a file or the name of a shipped task.
 
@@ -112,7 +122,10 @@ def run_command(
             calibrate=None if found is None else found.calibrate,
         )
         assembly = replace(assembly, allow_unstable=allow_unstable)
-        asked = RunRequest(backend, log, duration, _directory(out, assembly), seed, view, read_only, approach)
+        asked = RunRequest(
+            backend, log, duration, _directory(out, assembly), seed, view, read_only, approach, listen
+        )
+        refuse_listening(assembly, asked)
         if assembly.task.playback is not None:
             return play_task_back(assembly, asked)
         result = _carry_out(assembly, found, asked, console)
@@ -145,7 +158,11 @@ def replay_command(log: Path, view: bool, verify: bool) -> int:
 
 @dataclass(frozen=True)
 class RunRequest:
-    """The options of ``impedance run``; ``log`` is the recording that is fed back, or whose joint path is played."""
+    """The options of ``impedance run``.
+
+    ``log`` is the recording that is fed back, or whose joint path is played; ``listen`` is where set-points arrive,
+    None for nowhere.
+    """
 
     backend: str
     log: Path | None
@@ -155,6 +172,7 @@ class RunRequest:
     view: bool
     read_only: bool
     approach: bool
+    listen: str | None = None
 
 
 def play_task_back(assembly: Assembly, options: RunRequest) -> int:
@@ -205,7 +223,8 @@ def _carry_out(
     if trial is not None:
         console.print(trial_line(trial), highlight=False, soft_wrap=True)
     # Imported only here: from this line on functions are compiled.
-    from impedance_modules.runs.execution import RunOptions, carry_out
+    from impedance_modules.backends.wall_clock import RealTime
+    from impedance_modules.runs.execution import SIMULATED, RunOptions, carry_out
     from impedance_modules.runs.run_backends import baxter_backend, make_backend
 
     robot = (
@@ -221,8 +240,62 @@ def _carry_out(
         read_only=asked.read_only,
         backend=asked.backend,
     )
-    with progress(sum(phase.duration for phase in assembly.task.phases), console) as on_progress:
-        return carry_out(assembly, robot, options, on_progress)
+    with ExitStack() as closing:
+        source = _set_points(assembly, asked, closing, console)
+        if asked.listen is not None and asked.backend in SIMULATED:
+            robot = RealTime(robot)
+        on_progress = closing.enter_context(
+            progress(sum(phase.duration for phase in assembly.task.phases), console)
+        )
+        return carry_out(assembly, robot, options, on_progress, source)
+
+
+def refuse_listening(assembly: Assembly, asked: RunRequest) -> None:
+    """Refuses ``--listen`` where no phase of the task listens, or a recording is fed back.
+
+    Raises:
+        BadInput: Naming what would be valid.
+    """
+    from impedance_modules.errors import BadInput
+
+    if asked.listen is None:
+        return
+    if assembly.task.set_points is None:
+        raise BadInput(
+            f"--listen: task '{assembly.task.name}' has no 'set_points', the limits of what may arrive (valid: a task"
+            " with 'set_points' and phases with 'listen: true', as the shipped task follow-set-points)"
+        )
+    if asked.backend == "replay":
+        raise BadInput(
+            "--listen: a recording that is fed back follows the set-points in it (valid: another backend)"
+        )
+
+
+def _set_points(
+    assembly: Assembly, asked: RunRequest, closing: ExitStack, console: Console
+) -> SetPointSource | None:
+    """Opens where set-points come from; None for nowhere."""
+    limits = assembly.task.set_points
+    if limits is None:
+        return None
+    if asked.listen is None and asked.log is None:
+        console.print(
+            "nobody is listened to: the targets of 'set_points' rest (valid: --listen)", highlight=False
+        )
+        return None
+    if asked.log is not None:
+        from impedance_modules.episode.reader import read_episode
+        from impedance_modules.runs.recorded_set_points import RecordedSetPoints
+
+        return RecordedSetPoints(read_episode(asked.log), limits)
+    from impedance_modules.streaming.inbox import Inbox
+    from impedance_modules.streaming.receiver import SetPointReceiver, listening_address
+
+    inbox = Inbox(limits)
+    address = listening_address(str(asked.listen))
+    closing.callback(SetPointReceiver(address, inbox).close)
+    console.print(f"listening to set-points at {address}", highlight=False)
+    return inbox
 
 
 def _directory(out: Path | None, assembly: Assembly) -> Path:

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 from impedance_modules.errors import BadInput
 from impedance_modules.spec.hinge_spec import HINGE
+from impedance_modules.spec.set_point_limits import SetPointLimits
 from impedance_modules.spec.task import (
     ArmSpec,
     ContactCondition,
@@ -107,7 +108,17 @@ def single_arm(task: TaskSpec, arm: str) -> TaskSpec:
         raise BadInput(f"--arm {arm}: {holders} hold the object of task '{task.name}' together")
     phases = tuple(_single_arm_phase(task, phase, arm) for phase in task.phases)
     pushes = tuple(push for push in task.pushes if push.target in {arm, "object"})
-    return replace(task, arms={arm: task.arms[arm]}, phases=phases, pushes=pushes)
+    return replace(
+        task, arms={arm: task.arms[arm]}, phases=phases, pushes=pushes, set_points=_kept(task.set_points, arm)
+    )
+
+
+def _kept(limits: SetPointLimits | None, arm: str) -> SetPointLimits | None:
+    """Leaves the targets of the other arms out."""
+    if limits is None:
+        return None
+    targets = {k: v for k, v in limits.targets.items() if k.startswith(("object", f"{arm}."))}
+    return replace(limits, targets=targets)
 
 
 def _single_arm_phase(task: TaskSpec, phase: PhaseSpec, arm: str) -> PhaseSpec:
@@ -127,4 +138,5 @@ def _single_arm_phase(task: TaskSpec, phase: PhaseSpec, arm: str) -> PhaseSpec:
         posture={k: v for k, v in phase.posture.items() if k == arm},
         axes={k: v for k, v in phase.axes.items() if k.startswith(own)},
         stiffness={k: v for k, v in phase.stiffness.items() if k.startswith(own)},
+        listen=tuple(target for target in phase.listen if target.startswith(own)),
     )

@@ -10,6 +10,7 @@ they would make Baxter's elastic joints unstable from 50 N/m on (docs/control-la
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -21,12 +22,23 @@ from impedance_modules.control import cycle as laws
 from impedance_modules.control.assembly import Assembly, make_distances
 from impedance_modules.control.compensator import Compensator, compensator_of
 from impedance_modules.control.cycle import FINE, STATE_NOT_FINITE, UNSOLVED, Cycle
+from impedance_modules.control.equilibrium_following import (
+    Following,
+    follow_set_points,
+    followed_equilibrium,
+    following_nothing,
+)
 from impedance_modules.control.set_points import SetPoints, phase_set_points, place
 from impedance_modules.errors import SafetyStop
 from impedance_modules.modules.arms import TaskModules, with_phase_gains
 from impedance_modules.modules.compensation import compensation_energy
 from impedance_modules.modules.damping import phase_damping
-from impedance_modules.modules.equilibrium import PhaseMotion, phase_motion, start_equilibrium
+from impedance_modules.modules.equilibrium import (
+    EquilibriumMotion,
+    PhaseMotion,
+    phase_motion,
+    start_equilibrium,
+)
 from impedance_modules.modules.motor_velocity import begin_at, motor_velocity
 from impedance_modules.modules.sum import lay_out, module_names, potential_energy
 from impedance_modules.robot.distances import Distances
@@ -56,6 +68,7 @@ class Controller:
         module_names: Of the rows of ``cycle.modules.efforts``.
         layout: Rows of the filter.
         cycle: Every number of the last cycle, by name.
+        following: What follows set-points in the current phase, live; inactive where the phase does not listen.
         solver: Asked where the active-set solver cannot prove an optimum.
     """
 
@@ -75,6 +88,7 @@ class Controller:
         self._compensator = _compensator(assembly)
         self.cycle = _make_cycle(assembly, self.layout, self.kinematics, self.distances, self._compensator)
         self._points: SetPoints
+        self.following: Following = following_nothing()
         self._solution: FilterSolution | None = None
         self._booked: RobotState | None = None
         self._before_gap: dict[str, Any] | None = None
@@ -266,13 +280,29 @@ class Controller:
 
     def _begin(self, phase: PhaseSpec, modules: TaskModules, last: PhaseMotion | None) -> None:
         start = start_equilibrium(modules) if last is None else last.at(self.clock)
+        if last is not None and self.following.active:
+            start = followed_equilibrium(start, self.following, self.cycle.modules.springs)
         self.modules = with_phase_gains(modules, phase)
         self.motion = phase_motion(self.modules, phase, start)
         damping = phase_damping(self.modules, self.kinematics)
         self._points = phase_set_points(
-            self.modules, damping, self.motion, self.cycle.modules, first=last is None
+            self.modules,
+            damping,
+            self.motion,
+            self.cycle.modules,
+            first=last is None,
+            follow=self._follow(phase),
         )
+        self.following = self._points.following
         self.cycle.clock = 0.0
+
+    def _follow(self, phase: PhaseSpec) -> Callable[[EquilibriumMotion], Following] | None:
+        """What makes the targets of a phase that listens; None for one that does not."""
+        limits, period = self.assembly.task.set_points, self.assembly.period
+        if limits is None or not phase.listen:
+            return None
+        modules, motion = self.modules, self.motion
+        return lambda laid_out: follow_set_points(limits, modules, motion, laid_out, period)
 
     def _place(self, q: Array) -> float:
         """Puts the phase's gains and equilibria in force at its clock; returns their energy at q [J]."""

@@ -54,7 +54,8 @@ class Cycle(Record):
         effort: (n,) torque that may leave [N.m].
         previous: (n,) torque of the last cycle [N.m]; the filter's ``state`` looks at it.
         clock: Of the phase [s]; slower than time where the tank is short.
-        admitted: Part in [0, 1] of the last period of the phase's motion that the tank could pay.
+        admitted: Part in [0, 1] of the last period of the phase's motion that the tank could pay, or of the step
+            towards set-points where that is less.
         energy: Of the relaxed springs [J].
         effort_scale: Part in [0, 1] of the filtered torque that the energy budget lets leave.
         status: One of the above.
@@ -145,6 +146,7 @@ def desire(cycle: Cycle, points: SetPoints, q: Array, velocity: Array, effort: A
     cycle.too_fast = min(cycle.too_fast, too_fast_joint(cycle.travel, q, effort))
     cycle.admitted = advance(points, modules, cycle.arms, tank, q, cycle.clock)
     cycle.clock += cycle.admitted * tank.period
+    cycle.admitted = min(cycle.admitted, points.following.granted)
     rescale_springs(tank)
     estimate_motor_velocity(cycle.motor, velocity, effort)
     cycle.energy = sum_modules(modules, cycle.arms, q, cycle.motor.velocity, tank.spring_scale)

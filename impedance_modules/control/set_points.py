@@ -8,14 +8,26 @@ bisection, and the clock goes by that part: an empty tank slows a task down.
 Gains g blend from the last phase's into the phase's own by minimum jerk s over the blending time T_b:
 
     g(t) = g_from + s(t / T_b) (g_to - g_from)
+
+What set-points move in a phase that listens (``control.equilibrium_following``) is admitted after that, in the same
+way, but it stops no clock: a set-point that the tank cannot pay is followed as far as it can be paid.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 
 from impedance_modules.arrays import Array
 from impedance_modules.compiled import compiled
+from impedance_modules.control.equilibrium_following import (
+    Following,
+    following_nothing,
+    place_step,
+    prepare_step,
+    take_step,
+)
 from impedance_modules.modules.arms import TaskModules
 from impedance_modules.modules.damping import Damping
 from impedance_modules.modules.equilibrium import EquilibriumMotion, PhaseMotion, place_equilibria
@@ -45,6 +57,7 @@ class SetPoints(Record):
         damping_from, damping_to: (springs, 6, 6).
         force_from, force_to: (springs, 6) of the hybrid axes.
         joint_damping_from, joint_damping_to: (n, n).
+        following: What follows set-points; inactive in a phase that does not listen.
     """
 
     motion: EquilibriumMotion
@@ -59,10 +72,17 @@ class SetPoints(Record):
     force_to: Matrix
     joint_damping_from: Matrix
     joint_damping_to: Matrix
+    following: Following
 
 
 def phase_set_points(
-    modules: TaskModules, damping: Damping, motion: PhaseMotion, now: Modules, *, first: bool
+    modules: TaskModules,
+    damping: Damping,
+    motion: PhaseMotion,
+    now: Modules,
+    *,
+    first: bool,
+    follow: Callable[[EquilibriumMotion], Following] | None = None,
 ) -> SetPoints:
     """Prepares a phase: its motion from clock 0, its gains blending in from those now in force.
 
@@ -72,6 +92,7 @@ def phase_set_points(
         motion: From the equilibria where the last phase ended.
         now: What is in force.
         first: True for the first phase, whose gains hold at once, forces apart: every spring is relaxed then.
+        follow: Makes what follows set-points in the motion as it is laid out; None in a phase that does not listen.
     """
     springs = [spring for arm in modules.arms for spring in arm.springs]
     count = len(springs)
@@ -80,8 +101,9 @@ def phase_set_points(
     force = np.array([spring.axis_force() for spring in springs]).reshape(count, 6)
     joint_damping = joint_damping_matrix(modules, damping, now.desired.size)
     biased = [arm.bias.joints for arm in modules.arms if arm.bias is not None]
+    laid_out = motion.lay_out(np.concatenate([np.zeros(0, dtype=np.int64), *biased]))
     return SetPoints(
-        motion=motion.lay_out(np.concatenate([np.zeros(0, dtype=np.int64), *biased])),
+        motion=laid_out,
         blend_time=BLENDING if first else min(BLENDING, motion.duration),
         grip_from=now.loads.grip,
         stiffness_from=stiffness.copy() if first else now.springs.stiffness.copy(),
@@ -92,6 +114,7 @@ def phase_set_points(
         force_to=force,
         joint_damping_from=joint_damping.copy() if first else now.bias.damping.copy(),
         joint_damping_to=joint_damping,
+        following=following_nothing() if follow is None else follow(laid_out),
     )
 
 
@@ -145,11 +168,31 @@ def advance(
     Returns:
         The part in [0, 1] of the period by which the phase's clock went on.
     """
+    admitted = _admit_most(points, modules, arms, tank, q, clock)
+    if admitted == 0.0:
+        tank.short = True
+    following = points.following
+    if following.active:
+        prepare_step(following, points.blended)
+        granted = _admit_most(points, modules, arms, tank, q, clock + admitted * tank.period)
+        take_step(following, points.motion, granted)
+    return admitted
+
+
+@compiled
+def _admit_most(
+    points: SetPoints, modules: Modules, arms: ArmGeometry, tank: Tank, q: Array, clock: float
+) -> float:
+    """Admits the largest part in [0, 1] of a change that the tank can pay for, found by bisection.
+
+    The change is that of a period of the phase's clock [s], or the step towards set-points while one is prepared. The
+    arguments are those of ``advance``.
+    """
     allowed = budget(tank)
     part, admitted, refused = 1.0, 0.0, 1.0
     potential = 0.0
     for _ in range(TRIALS + 1):
-        place(points, modules, clock + part * tank.period)
+        _place_part(points, modules, tank, clock, part)
         potential = potential_energy(modules, arms, q)
         if change_cost(tank, potential) <= allowed:
             admitted = part
@@ -158,10 +201,18 @@ def advance(
         if admitted == 1.0:
             break
         part = 0.5 * (admitted + refused)
-    if admitted == 0.0:
-        tank.short = True
     if admitted < 1.0:
-        place(points, modules, clock + admitted * tank.period)
+        _place_part(points, modules, tank, clock, admitted)
         potential = potential_energy(modules, arms, q)
     admit(tank, potential)
     return admitted
+
+
+@compiled
+def _place_part(points: SetPoints, modules: Modules, tank: Tank, clock: float, part: float) -> None:
+    """Puts in force what a part of the change changes."""
+    if points.following.stepping:
+        place_step(points.following, points.motion, modules, part)
+        place(points, modules, clock)
+    else:
+        place(points, modules, clock + part * tank.period)

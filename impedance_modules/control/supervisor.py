@@ -18,7 +18,9 @@ from impedance_modules.control.assembly import Assembly
 from impedance_modules.control.contact_detection import ContactLoss, HandWrenches
 from impedance_modules.control.controller import Controller
 from impedance_modules.control.cycle import EFFORT_NOT_FINITE, STATE_NOT_FINITE
+from impedance_modules.control.equilibrium_following import Following, following_nothing
 from impedance_modules.control.phases import Outcome, Sequence
+from impedance_modules.control.set_point_source import SetPointSource, report_of
 from impedance_modules.robot.state import RobotState
 from impedance_modules.safety.stop_levels import (
     RUNNING,
@@ -56,14 +58,18 @@ class Supervisor:
         controller: The law.
         sequence: The phases.
         touch: Wrenches on the hands.
+        followed: What followed set-points in the last cycle of the law; ``look`` may have ended its phase since.
         decisions: Arm -> what it sends and why.
         ending: None while the run goes on.
         reason: Why it stopped; empty after a task that is done.
         messages: (time, text) of everything worth telling.
     """
 
-    def __init__(self, assembly: Assembly) -> None:
+    def __init__(self, assembly: Assembly, source: SetPointSource | None = None) -> None:
+        """Takes the task, and where set-points come from in phases that listen; None where nothing comes."""
         self.assembly = assembly
+        self._source = source
+        self.followed: Following = following_nothing()
         self.controller = Controller(assembly)
         self._every = max(1, round(assembly.rate / LOOKS))
         self.hand_wrenches = HandWrenches(
@@ -139,6 +145,7 @@ class Supervisor:
         self.controller.start(first, self.sequence.phase)
         self.hand_wrenches.reset(first.state)
         self._velocity, self._time = first.state.velocity, first.state.time
+        self._begin_listening()
         self._say(first.state.time, f"phase '{self.sequence.phase.name}'")
 
     def step(self, state: RobotState | None, *, late: bool, stop_request: str | None) -> Array | None:
@@ -174,6 +181,9 @@ class Supervisor:
     def _run(self, state: RobotState) -> list[Occurrence]:
         """One cycle of the law; returns what went wrong."""
         controller = self.controller
+        self.followed = controller.following
+        if self._source is not None and controller.following.active:
+            self._source.write(controller.following, state)
         status = controller.tick(state)
         self._cycle += 1
         if status == STATE_NOT_FINITE:
@@ -211,6 +221,7 @@ class Supervisor:
         self.hand_wrenches.update(state)
         for text in self._lost_contact.look():
             self._say(state.time, text)
+        self._report(state)
         outcome = self.sequence.look(state.time)
         if outcome is Outcome.NOT_MET:
             self._seen = [Occurrence(Event.PHASE_NOT_MET, None, self.sequence.why_not_met())]
@@ -223,6 +234,19 @@ class Supervisor:
         else:
             self._say(state.time, f"phase '{self.sequence.phase.name}'")
             self.controller.next_phase(self.sequence.phase)
+            self._begin_listening()
+
+    def _report(self, state: RobotState) -> None:
+        """Tells the source of set-points how the run is, and the log what the source has to tell."""
+        if self._source is None:
+            return
+        report = report_of(self.controller, self.hand_wrenches.wrench, self.sequence.phase.name, state)
+        for text in self._source.look(report):
+            self._say(state.time, text)
+
+    def _begin_listening(self) -> None:
+        if self._source is not None:
+            self._source.begin(self.sequence.phase.name, self.controller.following)
 
     def _escalate(
         self, state: RobotState | None, events: list[Occurrence], *, entering: bool

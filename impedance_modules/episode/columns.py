@@ -59,6 +59,16 @@ def target_columns(frame: str) -> tuple[str, ...]:
     return tuple(f"target.{frame}.{component}" for component in POSE_COMPONENTS)
 
 
+def set_point_columns(target: str) -> tuple[str, ...]:
+    """Returns the columns of one target's set-points: whether they count, pose in world, stiffness, force.
+
+    Stiffness [N/m, N.m/rad] and force [N, N.m] are along the spring's axes.
+    """
+    axes = ("x", "y", "z", "rx", "ry", "rz")
+    parts = ("fresh", *POSE_COMPONENTS, *(f"stiffness.{a}" for a in axes), *(f"force.{a}" for a in axes))
+    return tuple(f"set_point.{target}.{part}" for part in parts)
+
+
 @dataclass(frozen=True)
 class EpisodeColumns:
     """Column names sorted by what they mean.

@@ -235,6 +235,9 @@ def phase_motion(modules: TaskModules, phase: PhaseSpec, start: Equilibrium) -> 
             continue
         reference, current = _coordinates_of(target, springs, start)
         moved[target] = pose_motion(reference, current, coordinates, phase.duration)
+    # What set-points move rests in the phase's own motion.
+    for target in phase.listen:
+        moved[target] = resting(_coordinates_of(target, springs, start)[1])
     goals = {limb: _goal(modules, limb, angles, start) for limb, angles in phase.posture.items()}
     carried = _carried(modules.held, moved)
     return PhaseMotion(start, moved, carried, goals, phase.duration)

@@ -190,6 +190,27 @@ def write_quaternion(rotation: Array, out: Array) -> None:
             out[m] = -out[m]
 
 
+@compiled
+def write_rotation(quaternion: Array, out: Array) -> None:
+    """Writes the rotation matrix (3, 3) of a unit quaternion (x, y, z, w)."""
+    x, y, z, w = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
+    out[0, 0], out[0, 1], out[0, 2] = (
+        1.0 - 2.0 * (y * y + z * z),
+        2.0 * (x * y - z * w),
+        2.0 * (x * z + y * w),
+    )
+    out[1, 0], out[1, 1], out[1, 2] = (
+        2.0 * (x * y + z * w),
+        1.0 - 2.0 * (x * x + z * z),
+        2.0 * (y * z - x * w),
+    )
+    out[2, 0], out[2, 1], out[2, 2] = (
+        2.0 * (x * z - y * w),
+        2.0 * (y * z + x * w),
+        1.0 - 2.0 * (x * x + y * y),
+    )
+
+
 def skew(vector: Array) -> Array:
     """Returns the matrix of the cross product, ``skew(a) @ b == cross(a, b)``."""
     x, y, z = vector

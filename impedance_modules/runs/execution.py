@@ -13,6 +13,7 @@ from impedance_modules.backends.protocol import Backend, RealRobot
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.control.controller import WarmUp
 from impedance_modules.control.loop import Interrupt, no_collections, run_loop
+from impedance_modules.control.set_point_source import SetPointSource
 from impedance_modules.control.signals import as_interrupt
 from impedance_modules.control.supervisor import Ending, Supervisor
 from impedance_modules.episode.reader import read_episode
@@ -79,6 +80,7 @@ def carry_out(
     backend: Backend,
     options: RunOptions,
     on_progress: Callable[[float, str], None],
+    source: SetPointSource | None = None,
 ) -> RunResult:
     """Runs an assembled task on a robot and writes its files.
 
@@ -87,11 +89,12 @@ def carry_out(
         backend: The robot, not yet started.
         options: Of the command line.
         on_progress: Called about ten times a second of run time with the time [s] and the phase.
+        source: Of set-points, for phases that listen; None where nothing comes.
 
     Raises:
         ImpedanceError: The robot cannot be started or the files cannot be written.
     """
-    supervisor = Supervisor(assembly)
+    supervisor = Supervisor(assembly, source)
     supervisor.controller.warm()
     simulated = options.backend in SIMULATED
     real = backend if isinstance(backend, RealRobot) else None

@@ -13,12 +13,14 @@ from impedance_modules.backends.protocol import RealRobot
 from impedance_modules.compiled import compiled
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.control.cycle import Cycle
+from impedance_modules.control.equilibrium_following import Following
 from impedance_modules.control.hinge_reading import hinge_reading, read_hinge
 from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.episode.columns import (
     HINGE_COLUMNS,
     joint_columns,
     pose_columns,
+    set_point_columns,
     target_columns,
     wrench_columns,
 )
@@ -171,7 +173,16 @@ class Recorder:
             modules=np.array([place for _, *place in self._modules], dtype=np.int64).reshape(-1, 2),
         )
         self._scalars_at = names.index("rung")
+        self._set_points = self._set_points_of(names, _followed(assembly))
         self._hinge = hinge_reading(assembly.modules.held, _hands(assembly))
+
+    def _set_points_of(self, names: list[str], targets: tuple[str, ...]) -> Array | None:
+        """The part of a row that tells what each target follows, (targets, columns); None without such targets."""
+        if not targets:
+            return None
+        wide = set_point_columns(targets[0])
+        first = names.index(wide[0])
+        return self.row[first : first + len(targets) * len(wide)].reshape(len(targets), len(wide))
 
     def warm(self) -> None:
         """Fills a row once without recording it: a first call waits for its machine code, for longer than a period."""
@@ -197,6 +208,8 @@ class Recorder:
         row[0] = state.time
         row[at], row[at + 1] = supervisor.stop_level, controller.active_rows
         row[at + 2], row[at + 3] = late, interrupted
+        if self._set_points is not None:
+            _write_set_points(self._set_points, supervisor.followed)
         if self._hinge is not None:
             read_hinge(self._hinge, controller.cycle.arms, supervisor.hand_wrenches.wrench)
             row[self._own - 2], row[self._own - 1] = self._hinge.angle, self._hinge.torque
@@ -228,9 +241,26 @@ def columns(
     for hand in hands:
         names += wrench_columns(hand)
     names += [name for name, _, _ in modules]
+    for target in _followed(assembly):
+        names += set_point_columns(target)
     if assembly.modules.held is not None and assembly.modules.held.hinge is not None:
         names += HINGE_COLUMNS
     return [*names, "phase"]
+
+
+def _followed(assembly: Assembly) -> tuple[str, ...]:
+    """Names the targets that follow set-points in some phase."""
+    return () if assembly.task.set_points is None else tuple(assembly.task.set_points.targets)
+
+
+def _write_set_points(table: Array, following: Following) -> None:
+    """Writes what every target follows, one row each, in the order of ``set_point_columns``; NaN where nothing."""
+    if not following.active:
+        table[:, 0], table[:, 1:] = 0.0, np.nan
+        return
+    table[:, 0] = following.fresh
+    table[:, 1:8] = following.goal
+    table[:, 8:14], table[:, 14:20] = following.stiffness, following.force
 
 
 def _hands(assembly: Assembly) -> tuple[str, ...]:

@@ -20,6 +20,7 @@ from impedance_modules.episode.data import Episode
 from impedance_modules.episode.metadata import library_versions
 from impedance_modules.errors import BadInput, EndOfRecording, ReplayMismatch
 from impedance_modules.robot.state import RobotState
+from impedance_modules.runs.recorded_set_points import recorded_set_points
 from impedance_modules.runs.recorder import MISSED
 from impedance_modules.runs.run_backends import acting_in
 from impedance_modules.spec.robot_spec import JointOrigin
@@ -129,7 +130,7 @@ def verify(episode: Episode, on_progress: Callable[[float], None]) -> Verificati
     late, asked = (_marks(episode, name) for name in ("late", "interrupt"))
     dropped = np.append(late[1:], False)
     missed = _missed_cycles(episode, assembly.rate)
-    supervisor = Supervisor(assembly)
+    supervisor = Supervisor(assembly, recorded_set_points(episode, assembly.task.set_points))
     first = backend.start()
     supervisor.start(first)
     state: RobotState | None = first.state

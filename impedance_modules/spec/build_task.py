@@ -178,8 +178,8 @@ def build_push(raw: Raw) -> PushSpec:
     )
 
 
-def build_phase(raw: Raw) -> PhaseSpec:
-    """Makes one phase."""
+def build_phase(raw: Raw, listened: tuple[str, ...] = ()) -> PhaseSpec:
+    """Makes one phase; ``listened`` are the targets that set-points move where a phase listens."""
     return PhaseSpec(
         name=raw["name"],
         duration=float(raw["duration"]),
@@ -189,6 +189,7 @@ def build_phase(raw: Raw) -> PhaseSpec:
         stiffness={target: build_matrix(given) for target, given in raw.get("stiffness", {}).items()},
         until=_until(raw["until"]) if "until" in raw else None,
         otherwise=raw.get("otherwise", "stop"),
+        listen=listened if raw.get("listen", False) else (),
     )
 
 

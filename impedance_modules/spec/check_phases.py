@@ -10,6 +10,7 @@ from impedance_modules.errors import Problem, nearest
 from impedance_modules.spec.build_task import build_axes, build_matrix, build_numbers
 from impedance_modules.spec.check_arms import joint_name_problems, limit_problems
 from impedance_modules.spec.check_hinge import hinge_target_problems
+from impedance_modules.spec.check_set_points import set_point_problems
 from impedance_modules.spec.check_springs import (
     UndampedAxis,
     joined_axes,
@@ -45,6 +46,7 @@ def phase_problems(draft: TaskDraft, arms: Mapping[str, DraftArm]) -> Iterator[P
                 matrix = build_matrix(draft.value(*at, "stiffness", target))
                 yield from matrix_problems(draft, (*at, "stiffness", target), matrix)
         yield from _until_problems(draft, at)
+    yield from set_point_problems(draft, arms, springs)
     for arm in arms.values():
         yield from _changed_spring_problems(draft, arm)
 

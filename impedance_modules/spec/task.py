@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.spec.hinge_spec import HingeSpec
+from impedance_modules.spec.set_point_limits import SetPointLimits
 
 if TYPE_CHECKING:
     from impedance_modules.spec.document import Document
@@ -348,6 +349,7 @@ class PhaseSpec:
         stiffness: ``<arm>.<spring>`` -> (6, 6) stiffness from this phase on.
         until: Ends the phase early; None runs for ``duration``.
         otherwise: ``stop`` (exit 3) or ``next`` when ``until`` is not met at ``duration``.
+        listen: Targets whose equilibria follow set-points that arrive meanwhile; none for most phases.
     """
 
     name: str
@@ -358,6 +360,7 @@ class PhaseSpec:
     stiffness: Mapping[str, Matrix]
     until: ContactCondition | ReachedCondition | SmoothCondition | None
     otherwise: str
+    listen: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -375,7 +378,10 @@ class TaskPlayback:
 
 @dataclass(frozen=True)
 class TaskSpec:
-    """A whole task file. ``document`` maps every value back to its line and column."""
+    """A whole task file. ``document`` maps every value back to its line and column.
+
+    ``set_points`` limits what arrives while it runs; None for a task that listens to nothing.
+    """
 
     name: str
     description: str
@@ -390,3 +396,4 @@ class TaskSpec:
     text: str = field(repr=False)
     document: Document = field(repr=False, compare=False)
     playback: TaskPlayback | None = None
+    set_points: SetPointLimits | None = None

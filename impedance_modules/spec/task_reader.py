@@ -35,6 +35,7 @@ from impedance_modules.spec.locate import find_robot, find_task
 from impedance_modules.spec.robot_reader import read_robot
 from impedance_modules.spec.robot_spec import RobotSpec
 from impedance_modules.spec.schema import schema_faults
+from impedance_modules.spec.set_point_limits import build_set_point_limits
 from impedance_modules.spec.surface_mesh import mesh_path, read_mesh
 from impedance_modules.spec.task import SurfaceSpec, TaskPlayback, TaskSpec
 from impedance_modules.spec.task_draft import DraftArm, TaskDraft, draft_arms
@@ -118,6 +119,7 @@ def _mode_problems(draft: TaskDraft) -> Iterator[Problem]:
 def _finished(document: Document, arms: Mapping[str, DraftArm]) -> TaskSpec:
     """The TaskSpec of a document in which nothing is wrong."""
     data = document.data
+    limits = build_set_point_limits(data["set_points"]) if "set_points" in data else None
     return TaskSpec(
         name=data["name"],
         description=data.get("description", ""),
@@ -127,11 +129,14 @@ def _finished(document: Document, arms: Mapping[str, DraftArm]) -> TaskSpec:
         tank=build_tank(data["safety"]["tank"]),
         environment=_surfaces(document, data.get("environment", [])),
         pushes=tuple(build_push(raw) for raw in data.get("pushes", [])),
-        phases=tuple(build_phase(raw) for raw in data["phases"]),
+        phases=tuple(
+            build_phase(raw, () if limits is None else tuple(limits.targets)) for raw in data["phases"]
+        ),
         path=document.path,
         text=document.text,
         document=document,
         playback=_playback(document) if "playback" in data else None,
+        set_points=limits,
     )
 
 

@@ -61,7 +61,8 @@ def test_says_what_to_feel_and_see(name: str) -> None:
 def test_holds_at_most_half_again_the_energy_it_needs(name: str) -> None:
     assembly = assemble(str(shipped(name)), effects=None, rate=None, scale=1.0, arm=None)
     need = forecast_tank(assembly, Mechanism(assembly), predict_motion(assembly)).need
-    assert need <= assembly.tank.initial <= 1.5 * need
+    # What a sender of set-points may spend is no need that could be foretold.
+    assert need <= assembly.tank.initial and (assembly.task.set_points or assembly.tank.initial <= 1.5 * need)
 
 
 def _pressing(watched: Watched) -> float:

@@ -14,7 +14,7 @@ PACKAGE = CHECKOUT / "impedance_modules"
 
 ORDER = (
     "errors", "input_files strict_json plain_figures compiled records machine_code", "spec", "robot", "effects modules",
-    "superposition export", "new_robot safety plant episode", "backends", "control", "prediction", "runs",
+    "superposition export", "new_robot safety plant episode", "backends", "control", "prediction streaming", "runs",
     "tools diagnosis", "cli",
 )  # fmt: skip
 RANK = {name: rank for rank, names in enumerate(ORDER) for name in names.split()}
@@ -35,7 +35,7 @@ ALLOWED_IN = {
     "pinocchio": {"robot", "plant", "effects"}, "coal": {"robot", "plant"}, "rospy": {"backends"},
     "mujoco": {"backends"},
     "daqp": {"safety"}, "proxsuite": {"safety"}, "qpsolvers": {"safety"}, "click": {"cli"},
-    "rerun": {"episode"}, "pyarrow": {"episode"}, "jsonschema": {"spec"}, "yaml": {"spec"},
+    "rerun": {"episode"}, "pyarrow": {"episode"}, "jsonschema": {"spec"}, "yaml": {"spec"}, "zmq": {"streaming"},
 }  # fmt: skip
 
 ADAPTER = PACKAGE / "backends" / "baxter"

@@ -10,8 +10,14 @@ from pathlib import Path
 from tests.house.test_imports import EXPERIMENTS, FILES, PACKAGE, imported_names, literals
 from tests.support.paths import CHECKOUT
 
-ENTRIES = ("impedance_modules.cli.main", "impedance_modules.__main__")
-"""What a person calls; verbs are imported by the names in ``cli.main.VERBS``, experiments by those in their list."""
+ENTRIES = (
+    *("impedance_modules.cli.main", "impedance_modules.__main__"),
+    *("impedance_modules.streaming.policy", "impedance_modules.streaming.sender"),
+)
+"""What a person calls, the last two from Python (docs/live-set-points.md).
+
+Verbs are imported by the names in ``cli.main.VERBS``, experiments by those in their list.
+"""
 
 REGISTERED = (
     *("impedance_modules/machine_code.py", "impedance_modules/cli/"),
@@ -22,6 +28,7 @@ REGISTERED = (
 REASONS = {
     "write_episode": "Python API: writes an episode from columns (docs/import.md)",
     "imbalance": "Python API: the plant's energy balance (docs/plant.md)",
+    "PolicySource": "Python API: set-points from a function (docs/live-set-points.md)",
     "motor_work": "Python API: work at the plant's motors (docs/plant.md)",
 }
 """Names that no command reaches, each with its reason."""
