@@ -44,6 +44,12 @@ BACKENDS = ("sim", "mujoco", "replay", "baxter")
     type=click.Path(path_type=Path),
     help="Recording that the replay backend feeds back, or whose joint path a task with playback plays.",
 )
+@click.option(
+    "--mjcf",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="MuJoCo model of the robot, or of one of its arms, for the mujoco backend  [default: the robot folder's].",
+)
 @effects_option
 @compensate_option
 @rate_option
@@ -79,6 +85,7 @@ def run_command(
     arm: str | None,
     backend: str,
     log: Path | None,
+    mjcf: Path | None,
     effects: Path | None,
     compensate: Path | None,
     rate: float | None,
@@ -123,7 +130,7 @@ def run_command(
         )
         assembly = replace(assembly, allow_unstable=allow_unstable)
         asked = RunRequest(
-            backend, log, duration, _directory(out, assembly), seed, view, read_only, approach, listen
+            backend, log, mjcf, duration, _directory(out, assembly), seed, view, read_only, approach, listen
         )
         refuse_listening(assembly, asked)
         if assembly.task.playback is not None:
@@ -166,6 +173,7 @@ class RunRequest:
 
     backend: str
     log: Path | None
+    mjcf: Path | None
     duration: float | None
     out: Path
     seed: int
@@ -216,6 +224,8 @@ def _carry_out(
 
     if (asked.backend == "replay") != (asked.log is not None):
         raise BadInput("--backend replay and --log DIR go together: the log is the robot")
+    if asked.mjcf is not None and asked.backend != "mujoco":
+        raise BadInput(f"--mjcf: --backend {asked.backend} takes no MuJoCo model (valid: --backend mujoco)")
     # Read-only, no torque is sent: there is no loop that could be unstable.
     judged = replace(assembly, allow_unstable=assembly.allow_unstable or asked.read_only)
     prediction = accept(judged, plant=asked.backend == "sim")
@@ -228,7 +238,7 @@ def _carry_out(
     from impedance_modules.runs.run_backends import baxter_backend, make_backend
 
     robot = (
-        make_backend(assembly, backend=asked.backend, log=asked.log, seed=asked.seed)
+        make_backend(assembly, backend=asked.backend, log=asked.log, seed=asked.seed, mjcf=asked.mjcf)
         if found is None
         else baxter_backend(assembly, found.session, read_only=asked.read_only, approach=asked.approach)
     )
@@ -239,6 +249,7 @@ def _carry_out(
         live=asked.view,
         read_only=asked.read_only,
         backend=asked.backend,
+        mjcf=asked.mjcf,
     )
     with ExitStack() as closing:
         source = _set_points(assembly, asked, closing, console)

@@ -46,6 +46,7 @@ class RunOptions:
         live: Opens a viewer that follows the run.
         read_only: Sends nothing.
         backend: Name of the backend.
+        mjcf: MuJoCo model that the robot was simulated with, for the recording to name; None for none.
     """
 
     out: Path
@@ -54,6 +55,7 @@ class RunOptions:
     live: bool
     read_only: bool
     backend: str
+    mjcf: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -114,6 +116,7 @@ def carry_out(
                 first.acting,
                 options.seed,
                 options.backend,
+                mjcf=options.mjcf,
                 simulated=simulated,
                 real=real,
             )

@@ -139,6 +139,7 @@ class Recorder:
         *,
         simulated: bool,
         real: RealRobot | None = None,
+        mjcf: Path | None = None,
     ) -> None:
         """Opens the episode.
 
@@ -150,6 +151,7 @@ class Recorder:
             backend: Its name.
             simulated: True if the loop may wait for the disk.
             real: Tells what else is recorded of it; None for a simulated robot.
+            mjcf: MuJoCo model that it was simulated with instead of its folder's.
 
         Raises:
             BadInput: The directory holds an episode already.
@@ -159,6 +161,8 @@ class Recorder:
         self._targets = _recorded_targets(assembly)
         self._modules = _recorded_modules(supervisor)
         metadata = run_metadata(assembly, directory, acting, seed, backend)
+        if mjcf is not None:
+            metadata["mjcf"] = str(mjcf)
         names = columns(supervisor, self._targets, self._modules)
         self._real, self._own = real, len(names) - 1
         if real is not None:

@@ -28,12 +28,15 @@ if TYPE_CHECKING:
     from impedance_modules.backends.mujoco.mujoco_plant import MujocoPlant
 
 
-def mujoco_backend(assembly: Assembly, seed: int, *, noise: bool = True) -> SimBackend[MujocoPlant]:
+def mujoco_backend(
+    assembly: Assembly, seed: int, *, mjcf: Path | None = None, noise: bool = True
+) -> SimBackend[MujocoPlant]:
     """Builds the task's scene in MuJoCo behind a backend.
 
     Args:
         assembly: The task.
         seed: Of the sensors' noise.
+        mjcf: Model of the same robot that MuJoCo shall have instead of the folder's; None for none.
         noise: Whether there is any.
 
     Raises:
@@ -55,6 +58,7 @@ def mujoco_backend(assembly: Assembly, seed: int, *, noise: bool = True) -> SimB
         modules.posture,
         PlantOptions(rate=assembly.rate, seed=seed, noise=noise),
         patch=assembly.patch,
+        mjcf=mjcf,
     )
     return SimBackend(plant, modules.posture, assembly.period)
 
@@ -83,7 +87,9 @@ def acting_in(episode: Episode, n: int) -> Array:
     return acting
 
 
-def make_backend(assembly: Assembly, *, backend: str, log: Path | None, seed: int) -> Backend:
+def make_backend(
+    assembly: Assembly, *, backend: str, log: Path | None, seed: int, mjcf: Path | None = None
+) -> Backend:
     """Makes the robot of an assembled task, not yet started.
 
     Raises:
@@ -92,7 +98,7 @@ def make_backend(assembly: Assembly, *, backend: str, log: Path | None, seed: in
     if backend == "sim":
         return sim_backend(assembly, seed)
     if backend == "mujoco":
-        return mujoco_backend(assembly, seed)
+        return mujoco_backend(assembly, seed, mjcf=mjcf)
     if log is None:
         raise BadInput("--backend replay needs --log DIR, the recording to feed back")
     return replay_backend(assembly, log)

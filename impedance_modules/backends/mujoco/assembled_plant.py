@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A task's robot and surroundings put together in MuJoCo, from the robot's folder."""
+"""A task's robot and surroundings put together in MuJoCo, from the robot's folder or from a model of one's own."""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 from impedance_modules.arrays import Array
 from impedance_modules.backends.mujoco.mujoco_plant import MujocoPlant
@@ -22,6 +24,7 @@ def mujoco_plant(
     options: PlantOptions,
     *,
     patch: PatchSpec | None = None,
+    mjcf: Path | None = None,
 ) -> MujocoPlant:
     """Builds a task's simulated robot on MuJoCo; ``reset`` or ``warm`` it before use.
 
@@ -31,6 +34,7 @@ def mujoco_plant(
         posture: (n,) at the start [rad].
         options: Rate, seed and noise.
         patch: Effects that the robot has beyond its model; None for none.
+        mjcf: Model of the same robot that MuJoCo shall have instead of the folder's; None for none.
 
     Raises:
         BadInput, BadFile: A surface, an effect or the model is nothing that MuJoCo can have.
@@ -38,5 +42,5 @@ def mujoco_plant(
     refuse_surfaces(task)
     worn = worn_effects(model, patch)
     held = None if task.object is None else ObjectBody.of_task(model, task.object)
-    scene = build_scene(model, task.environment, held, posture, worn.plant)
+    scene = build_scene(model, task.environment, held, posture, worn.plant, mjcf)
     return MujocoPlant(model, scene, worn, options, task.pushes)

@@ -98,7 +98,7 @@ def add_robot(spec: mujoco.MjSpec, model: RobotModel, gravity: Array, gap: Array
         added.range, added.solref_limit = [joint.position_min, joint.position_max], [STOP_TIME, 1.0]
         turning = added
         if kind == ELASTIC:
-            turning = _add_rotor(spec, model, i, row)
+            turning = _add_rotor(spec, added)
             _add_spring(spec, model, i, float(gap[i]))
         turning.armature = float(model.reflected_inertia[i])
         turning.damping[0] = 0.0 if kind == IDEAL else float(model.motor_damping[i])
@@ -115,12 +115,25 @@ def _add_joint(body: mujoco.MjsBody, name: str, row: Row) -> mujoco.MjsJoint:
     )
 
 
-def _add_rotor(spec: mujoco.MjSpec, model: RobotModel, i: int, row: Row) -> mujoco.MjsJoint:
+def _add_rotor(spec: mujoco.MjSpec, joint: mujoco.MjsJoint) -> mujoco.MjsJoint:
     """Adds a joint's rotor: weightless, and of no inertia but that about its axis."""
-    name = rotor_name(model.joint_names[i])
+    name = rotor_name(joint.name)
     body = spec.worldbody.add_body(name=name, mass=LEAST_MASS, gravcomp=1.0, explicitinertial=True)
     body.ipos, body.inertia = np.zeros(3), np.full(3, LEAST_INERTIA)
-    return _add_joint(body, name, row)
+    return body.add_joint(name=name, type=joint.type, axis=joint.axis)
+
+
+def add_series_spring(spec: mujoco.MjSpec, model: RobotModel, i: int, gap: float) -> None:
+    """Puts a joint's spring between a link of a user's model and a rotor, which takes over inertia and friction.
+
+    A joint without rotor inertia gets the robot's.
+    """
+    joint = spec.joint(model.joint_names[i])
+    rotor = _add_rotor(spec, joint)
+    rotor.armature = joint.armature or float(model.reflected_inertia[i])
+    rotor.damping, rotor.frictionloss = joint.damping, joint.frictionloss
+    joint.armature, joint.damping, joint.frictionloss = 0.0, np.zeros(3), 0.0
+    _add_spring(spec, model, i, gap)
 
 
 def _add_spring(spec: mujoco.MjSpec, model: RobotModel, i: int, gap: float) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -39,6 +40,7 @@ from impedance_modules.backends.mujoco.surroundings import (
     add_hands,
     add_surfaces,
 )
+from impedance_modules.backends.mujoco.users_model import read_users_model
 from impedance_modules.effects.plant_builder import PlantEffects
 from impedance_modules.errors import BadInput
 from impedance_modules.plant.rigid_object import ObjectBody
@@ -79,8 +81,9 @@ def build_scene(
     held: ObjectBody | None,
     posture: Array,
     plant: PlantEffects,
+    mjcf: Path | None = None,
 ) -> MujocoScene:
-    """Builds a scene around the robot of a folder.
+    """Builds a scene around the robot of a folder, or around a model of one's own of the same robot.
 
     Args:
         model: The robot.
@@ -88,13 +91,18 @@ def build_scene(
         held: What the hands hold, or None.
         posture: (n,) at the start [rad].
         plant: Of the robot's patch: play in its joints, and how its base leans.
+        mjcf: The model of one's own; None for none.
 
     Raises:
-        BadInput: MuJoCo refuses the robot, or would need too short a step.
+        BadInput: MuJoCo refuses the robot, would need too short a step, or ``mjcf`` is another robot.
     """
+    gravity = plant.gravity_turn @ np.array(UPRIGHT_GRAVITY)
+    if mjcf is not None:
+        spec, mounts = read_users_model(mjcf, model, posture, gravity, plant.gap)
+        return furnish(spec, model, surfaces, held, posture, mounts)
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
-    add_robot(spec, model, plant.gravity_turn @ np.array(UPRIGHT_GRAVITY), plant.gap)
+    add_robot(spec, model, gravity, plant.gap)
     mounts = tuple(_mount(model, limb.hand) for limb in model.limbs.values())
     return furnish(spec, model, surfaces, held, posture, mounts)
 
