@@ -114,9 +114,9 @@ def _compared(episode: Episode, found: SurfaceMap) -> tuple[TrueSurface, MapErro
     from impedance_modules.runs.verify import reassemble
     from impedance_modules.tools.surface_truth import map_errors, true_surface
 
-    if episode.metadata.get("backend") != "sim":
+    if episode.metadata.get("backend") not in ("sim", "mujoco"):
         raise BadInput(
-            f"{episode.source}: --truth needs a run of the built-in plant; the true surface is unknown otherwise"
+            f"{episode.source}: --truth needs a simulated run; the true surface is unknown otherwise"
         )
     truth = true_surface(reassemble(episode).task.environment, found)
     return truth, map_errors(found, truth)

@@ -137,12 +137,20 @@ def _attach(spec: mujoco.MjSpec, path: Path, model: RobotModel, posture: Array, 
         if joint.name not in part.joints.values():
             child.delete(joint)
     rotation, translation = _placement(child, path, model, posture, part)
+    _take_options(child, spec)
     frame = spec.worldbody.add_frame(pos=translation, quat=quaternion(rotation))
     spec.attach(child, prefix=part.prefix, frame=frame)
     for ours, theirs in part.joints.items():
         joint = spec.joint(f"{part.prefix}{theirs}")
         joint.name = ours
         joint.parent.name = joint.parent.name or f"{part.prefix}{ours}"
+
+
+def _take_options(child: mujoco.MjSpec, spec: mujoco.MjSpec) -> None:
+    """Gives a copy the scene's options: how it is integrated and solved is not the file's affair."""
+    for name in vars(type(spec.option)):
+        if not name.startswith("_"):
+            setattr(child.option, name, getattr(spec.option, name))
 
 
 def _placement(
