@@ -169,7 +169,7 @@ def test_a_recording_becomes_a_map(tmp_path: Path) -> None:
         ({}, ["--hand", "right_hnd"], "did you mean 'right_hand'"),
         ({}, ["--cell", "0.5"], "is no stroke for cells of 500 mm"),
         ({}, ["--cell", "0"], "--cell 0"),
-        ({}, ["--truth"], "needs a run of the built-in plant"),
+        ({}, ["--truth"], "needs a simulated run"),
     ],
 )
 def test_what_is_missing_is_said_and_nothing_is_written(tmp_path: Path, made, options, words) -> None:
