@@ -12,8 +12,8 @@ run: $(VENV)/run.stamp
 
 # Whatever runs in real time runs alone, after the rest. 5: PYTEST_ARGS left one of the two nothing to do.
 test: $(VENV)/develop.stamp
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 -m "not ros" $(PYTEST_ARGS) || [ $$? = 5 ]
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -m ros $(PYTEST_ARGS) || [ $$? = 5 ]
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 -m "not ros and not realtime" $(PYTEST_ARGS) || [ $$? = 5 ]
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -m "ros or realtime" $(PYTEST_ARGS) || [ $$? = 5 ]
 
 lint: $(VENV)/develop.stamp
 	$(BIN)/ruff check .

@@ -15,6 +15,7 @@ import argparse
 import hashlib
 import json
 import os
+import re
 import subprocess
 import sys
 import time
@@ -108,9 +109,9 @@ def _tests() -> list[Job]:
     for path in sorted((CHECKOUT / "tests").rglob("test_*.py")):
         name = str(path.relative_to(CHECKOUT))
         pytest = (PYTHON, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--durations=5", name)
-        jobs.append(Job(name, (*pytest, "-m", "not ros"), passes=(0, NOTHING_TO_RUN)))
-        if "mark.ros" in path.read_text():
-            jobs.append(Job(f"{name} (ros)", (*pytest, "-m", "ros"), alone=True))
+        jobs.append(Job(name, (*pytest, "-m", "not ros and not realtime"), passes=(0, NOTHING_TO_RUN)))
+        if re.search(r"mark\.(ros|realtime)\b", path.read_text()):
+            jobs.append(Job(f"{name} (ros)", (*pytest, "-m", "ros or realtime"), alone=True))
     return jobs
 
 

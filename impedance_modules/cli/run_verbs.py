@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from impedance_modules.cli.baxter.connection import transport_option
+from impedance_modules.cli.connection_options import NOWHERE, Reached, connection_options
 from impedance_modules.cli.plain_lines import say
 from impedance_modules.cli.plant_trial import trial_line, tried
 from impedance_modules.cli.shared_options import (
@@ -28,11 +29,14 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from impedance_modules.backends.baxter.session import DeferredSession
+    from impedance_modules.backends.protocol import Backend
     from impedance_modules.control.assembly import Assembly
     from impedance_modules.control.set_point_source import SetPointSource
     from impedance_modules.runs.execution import RunResult
 
-BACKENDS = ("sim", "mujoco", "replay", "baxter")
+BACKENDS = ("sim", "mujoco", "replay", "baxter", "franka")
+REAL = ("baxter", "franka")
+"""Backends of robots in real time."""
 
 
 @click.command("run")
@@ -80,6 +84,7 @@ BACKENDS = ("sim", "mujoco", "replay", "baxter")
     help="Follow set-points that arrive there, in phases that listen; simulated robots then run in real time"
     "  [default: 127.0.0.1:5586].",
 )
+@connection_options
 def run_command(
     task: str,
     arm: str | None,
@@ -99,6 +104,9 @@ def run_command(
     transport: str,
     approach: bool,
     listen: str | None,
+    connection: Path | None,
+    address: tuple[str, ...],
+    recover: bool,
 ) -> int:
     """Carry out TASK, a file or the name of a shipped task.
 
@@ -111,26 +119,37 @@ def run_command(
 
     if duration is not None and not duration > 0.0:
         raise BadInput(f"--duration {duration:g}: a run needs some time (valid: above 0 s)")
-    real = backend == "baxter"
-    if real and allow_unstable:
+    if backend in REAL and allow_unstable:
         raise BadInput(
             "--allow-unstable: a real robot runs no loop that is predicted to be unstable (valid: sim, mujoco, replay)"
         )
+    reached = Reached(connection, address, recover)
+    reached.refuse_unused(backend)
     console = Terminal()
     with ExitStack() as closing:
-        found = closing.enter_context(_real_robot(transport)) if real else None
+        found = closing.enter_context(_real_robot(transport)) if backend == "baxter" else None
         assembly = assemble(
             task,
             effects=effects,
             compensate=compensate,
-            rate=_real_rate(read_only) if real and rate is None else rate,
+            rate=_real_rate(read_only) if found is not None and rate is None else rate,
             scale=scale,
             arm=arm,
             calibrate=None if found is None else found.calibrate,
         )
         assembly = replace(assembly, allow_unstable=allow_unstable)
         asked = RunRequest(
-            backend, log, mjcf, duration, _directory(out, assembly), seed, view, read_only, approach, listen
+            backend,
+            log,
+            mjcf,
+            duration,
+            _directory(out, assembly),
+            seed,
+            view,
+            read_only,
+            approach,
+            listen,
+            reached,
         )
         refuse_listening(assembly, asked)
         if assembly.task.playback is not None:
@@ -168,7 +187,7 @@ class RunRequest:
     """The options of ``impedance run``.
 
     ``log`` is the recording that is fed back, or whose joint path is played; ``listen`` is where set-points arrive,
-    None for nowhere.
+    None for nowhere; ``reached`` is where a real robot is.
     """
 
     backend: str
@@ -181,6 +200,7 @@ class RunRequest:
     read_only: bool
     approach: bool
     listen: str | None = None
+    reached: Reached = NOWHERE
 
 
 def play_task_back(assembly: Assembly, options: RunRequest) -> int:
@@ -235,13 +255,8 @@ def _carry_out(
     # Imported only here: from this line on functions are compiled.
     from impedance_modules.backends.wall_clock import RealTime
     from impedance_modules.runs.execution import SIMULATED, RunOptions, carry_out
-    from impedance_modules.runs.run_backends import baxter_backend, make_backend
 
-    robot = (
-        make_backend(assembly, backend=asked.backend, log=asked.log, seed=asked.seed, mjcf=asked.mjcf)
-        if found is None
-        else baxter_backend(assembly, found.session, read_only=asked.read_only, approach=asked.approach)
-    )
+    robot = _robot(assembly, found, asked)
     options = RunOptions(
         out=asked.out,
         seed=asked.seed,
@@ -307,6 +322,25 @@ def _set_points(
     closing.callback(SetPointReceiver(address, inbox).close)
     console.print(f"listening to set-points at {address}", highlight=False)
     return inbox
+
+
+def _robot(assembly: Assembly, found: DeferredSession | None, asked: RunRequest) -> Backend:
+    """Makes the backend, not yet started."""
+    from impedance_modules.runs.run_backends import baxter_backend, make_backend
+
+    if found is not None:
+        return baxter_backend(assembly, found.session, read_only=asked.read_only, approach=asked.approach)
+    if asked.backend == "franka":
+        from impedance_modules.runs.arm_backends import franka_backend
+
+        return franka_backend(
+            assembly,
+            asked.reached.of_franka(assembly.robot),
+            asked.reached.recover,
+            asked.read_only,
+            asked.approach,
+        )
+    return make_backend(assembly, backend=asked.backend, log=asked.log, seed=asked.seed, mjcf=asked.mjcf)
 
 
 def _directory(out: Path | None, assembly: Assembly) -> Path:

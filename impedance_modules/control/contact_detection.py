@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from impedance_modules.arrays import Array
-from impedance_modules.backends.baxter.preflight_checks import PreflightResult
+from impedance_modules.backends.preflight import PreflightResult
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.modules.arms import TaskModules

@@ -10,9 +10,9 @@ import numpy as np
 
 from impedance_modules.arrays import Array
 from impedance_modules.backends.baxter.baxter_backend import BaxterBackend, DriveOptions
-from impedance_modules.backends.baxter.preflight_checks import PreflightResult
 from impedance_modules.backends.baxter.robot_link import RobotLink
 from impedance_modules.backends.baxter.session import Session
+from impedance_modules.backends.preflight import PreflightResult
 from impedance_modules.backends.protocol import Backend
 from impedance_modules.backends.replay_backend import ReplayBackend
 from impedance_modules.backends.sim_backend import SimBackend

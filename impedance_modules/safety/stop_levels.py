@@ -30,6 +30,7 @@ own position mode. RELEASE is zero torque; the robot's own gravity compensation 
 | torque_refused | hold | - | the robot's driver was given a torque that must not leave |
 | controller_silent | hold | - | the robot's watchdog heard no torque for too long |
 | state_lost | hold | - | no state for so long that damping would be guessing |
+| robot_reflex | hold | - | the robot's own watch has already stopped it: a limit, a leap, an error of its own |
 | memory_short | hold | - | the computer has no memory left for the law |
 | plant_not_finite | hold | - | a number of the simulated robot's state is not finite: there is nothing left to brake |
 | not_recorded | hold | - | the files of the run cannot be written: what it did would not be known |
@@ -76,6 +77,7 @@ class Event(StrEnum):
     TORQUE_REFUSED = "torque_refused"
     CONTROLLER_SILENT = "controller_silent"
     STATE_LOST = "state_lost"
+    ROBOT_REFLEX = "robot_reflex"
     MEMORY_SHORT = "memory_short"
     PLANT_NOT_FINITE = "plant_not_finite"
     NOT_RECORDED = "not_recorded"
@@ -103,6 +105,7 @@ LEVEL_OF: Mapping[Event, StopLevel] = {
     Event.TORQUE_REFUSED: StopLevel.HOLD,
     Event.CONTROLLER_SILENT: StopLevel.HOLD,
     Event.STATE_LOST: StopLevel.HOLD,
+    Event.ROBOT_REFLEX: StopLevel.HOLD,
     Event.MEMORY_SHORT: StopLevel.HOLD,
     Event.PLANT_NOT_FINITE: StopLevel.HOLD,
     Event.NOT_RECORDED: StopLevel.HOLD,

@@ -34,6 +34,7 @@ STAGES = {name: step for step, names in enumerate(STEPS) for name in names.split
 ALLOWED_IN = {
     "pinocchio": {"robot", "plant", "effects"}, "coal": {"robot", "plant"}, "rospy": {"backends"},
     "mujoco": {"backends"},
+    "pylibfranka": {"backends"}, "rclpy": {"backends"},
     "daqp": {"safety"}, "proxsuite": {"safety"}, "qpsolvers": {"safety"}, "click": {"cli"},
     "rerun": {"episode"}, "pyarrow": {"episode"}, "jsonschema": {"spec"}, "yaml": {"spec"}, "zmq": {"streaming"},
 }  # fmt: skip

@@ -7,14 +7,11 @@ and the CPU is kept out of deep idle states, because caches and CPU otherwise ne
 
 from __future__ import annotations
 
-import os
-import struct
 import sys
 import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -25,6 +22,7 @@ from impedance_modules.backends.baxter.joint_states import StateSample
 from impedance_modules.backends.baxter.position_mode import Approach
 from impedance_modules.backends.baxter.robot_link import RobotLink, SeaColumns
 from impedance_modules.backends.baxter.stops import DriveMode, Stops
+from impedance_modules.backends.computer import SWITCH_INTERVAL, CpuIdleInhibitor
 from impedance_modules.backends.protocol import Finish, FirstState
 from impedance_modules.errors import NotConnected, RobotRefused
 from impedance_modules.robot.model import Limb
@@ -63,13 +61,6 @@ MOST_WARM_UPS = 5
 
 WARM_UP_MARGIN = 0.0001
 """No warm-up cycle runs in this time before the state is due [s], since it may come early."""
-
-SWITCH_INTERVAL = 1e-4
-"""Longest time for which a thread that writes files may hold the interpreter lock [s]; Python's default of 5 ms would
-delay a command by as much."""
-
-DEVICE = Path("/dev/cpu_dma_latency")
-"""Linux limits the CPU's wake-up latency to the microseconds written here, for as long as the file is open."""
 
 
 @dataclass(frozen=True)
@@ -290,35 +281,3 @@ class BaxterBackend:
     def _shifted(self, state: RobotState) -> RobotState:
         """Counts time from the run's first state."""
         return RobotState(state.time - self._zero_time, state.position, state.velocity, state.effort)
-
-
-class CpuIdleInhibitor:
-    """Keeps the CPU out of deep idle states, if this process may; ends with ``end`` or with the process.
-
-    Linux lets only root open the file; a udev rule may allow a group. Without it everything works, more slowly.
-    """
-
-    def __init__(self, device: Path = DEVICE) -> None:
-        self._device = device
-        self._file: int | None = None
-
-    def begin(self) -> None:
-        """Makes the request; does nothing where the kernel refuses or has no such file."""
-        if self._file is not None:
-            return
-        try:
-            file = os.open(self._device, os.O_WRONLY)
-        except OSError:
-            return
-        try:
-            os.write(file, struct.pack("i", 0))
-        except OSError:
-            os.close(file)
-            return
-        self._file = file
-
-    def end(self) -> None:
-        """Withdraws the request; may be called twice."""
-        if self._file is not None:
-            os.close(self._file)
-            self._file = None

@@ -27,7 +27,7 @@ from impedance_modules.backends.baxter.ros.transport import PublisherInfo, Trans
 from impedance_modules.backends.baxter.ros.wire import checksum_of
 from impedance_modules.backends.baxter.served_description import DescriptionComparison
 from impedance_modules.backends.baxter.stops import why_off
-from impedance_modules.errors import RobotRefused
+from impedance_modules.backends.preflight import PreflightResult
 from impedance_modules.robot.model import RobotModel
 
 LOWEST_RATE = 0.5 * topics.DEFAULT_STATE_RATE
@@ -53,25 +53,6 @@ SAME_WEIGHT = 3.0
 
 SAME_EFFORT = 6.0
 """Largest difference between a joint's measured torque at rest and our model's [N.m]."""
-
-
-@dataclass(frozen=True)
-class PreflightResult:
-    """One condition that was checked.
-
-    Attributes:
-        name: Short.
-        passed: None where the robot publishes nothing about it.
-        found: What was measured.
-        remedy: What would pass; printed when it failed.
-        for_motion: Matters only where the robot is to be commanded.
-    """
-
-    name: str
-    passed: bool | None
-    found: str
-    remedy: str
-    for_motion: bool = True
 
 
 @dataclass(frozen=True)
@@ -115,24 +96,6 @@ def run_checks(subject: CheckedRobot, now: float) -> tuple[PreflightResult, ...]
         *(check_weight(subject.link, subject.model, limb) for limb in subject.limbs),
         *(check_effort(subject.link, subject.model, limb) for limb in subject.limbs),
     )
-
-
-def refuse_failed(results: Iterable[PreflightResult], *, commanding: bool) -> None:
-    """Refuses a robot that failed a check.
-
-    Args:
-        results: From ``run_checks``.
-        commanding: False where only listening is wanted; checks that matter for motion alone are then ignored.
-
-    Raises:
-        RobotRefused: With the reason and remedy of every failed check.
-    """
-    failed = [
-        result for result in results if result.passed is False and (commanding or not result.for_motion)
-    ]
-    if failed:
-        lines = [f"{result.name}: {result.found} (valid: {result.remedy})" for result in failed]
-        raise RobotRefused("the robot must not be moved now; nothing was sent\n  " + "\n  ".join(lines))
 
 
 def checks_before_power(results: Iterable[PreflightResult], *, tucked: bool) -> list[PreflightResult]:

@@ -9,16 +9,12 @@ from dataclasses import replace
 
 from impedance_modules.backends.baxter import topics
 from impedance_modules.backends.baxter.baxter_backend import BaxterBackend, DriveOptions
-from impedance_modules.backends.baxter.preflight_checks import (
-    CheckedRobot,
-    PreflightResult,
-    refuse_failed,
-    run_checks,
-)
+from impedance_modules.backends.baxter.preflight_checks import CheckedRobot, run_checks
 from impedance_modules.backends.baxter.robot_link import RobotLink
 from impedance_modules.backends.baxter.ros.transport import Transport
 from impedance_modules.backends.baxter.served_description import DescriptionComparison, compare_description
 from impedance_modules.backends.baxter.stops import Stops, stop_thresholds
+from impedance_modules.backends.preflight import PreflightResult, refuse_failed
 from impedance_modules.errors import BadInput, NotConnected
 from impedance_modules.robot.model import Limb, RobotModel
 from impedance_modules.spec.robot_spec import RobotSpec

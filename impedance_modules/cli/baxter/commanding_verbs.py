@@ -27,8 +27,9 @@ def enable(robot: str, reset: bool, tucked: bool, transport: str) -> int:
     Exit: 0 enabled, 2 no robot, another one, or it refuses; with the reason.
     """
     from impedance_modules.backends.baxter.power import Power, describe
-    from impedance_modules.backends.baxter.preflight_checks import checks_before_power, refuse_failed
+    from impedance_modules.backends.baxter.preflight_checks import checks_before_power
     from impedance_modules.backends.baxter.session import Session
+    from impedance_modules.backends.preflight import refuse_failed
     from impedance_modules.spec.robot_reader import read_robot
 
     spec = read_robot(robot)
@@ -88,8 +89,9 @@ def untuck(robot: str, posture: str, enable: bool, transport: str) -> int:
     """
     from impedance_modules.backends.baxter.position_mode import PostureMover, named_posture
     from impedance_modules.backends.baxter.power import Power
-    from impedance_modules.backends.baxter.preflight_checks import checks_before_power, refuse_failed
+    from impedance_modules.backends.baxter.preflight_checks import checks_before_power
     from impedance_modules.backends.baxter.session import Session
+    from impedance_modules.backends.preflight import refuse_failed
     from impedance_modules.spec.robot_reader import read_robot
 
     spec = read_robot(robot)

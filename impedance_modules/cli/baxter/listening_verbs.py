@@ -16,8 +16,8 @@ from impedance_modules.errors import BadInput, RobotRefused
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from impedance_modules.backends.baxter.preflight_checks import PreflightResult
     from impedance_modules.backends.baxter.session import Session
+    from impedance_modules.backends.preflight import PreflightResult
 
 ANSWERS = {True: "passed", False: "FAILED", None: "unknown"}
 
@@ -149,8 +149,8 @@ def record(
     Exit: 0 recorded, 2 no robot, or its states are unfit, or stop coming.
     """
     from impedance_modules.backends.baxter.baxter_recorder import RecordOptions, record_episode
-    from impedance_modules.backends.baxter.preflight_checks import refuse_failed
     from impedance_modules.backends.baxter.session import Session
+    from impedance_modules.backends.preflight import refuse_failed
     from impedance_modules.cli.terminal import Terminal
     from impedance_modules.spec.robot_reader import read_robot
 

@@ -11,9 +11,9 @@ import pytest
 
 from impedance_modules.backends.baxter import baxter_backend as backend
 from impedance_modules.backends.baxter import driver as watchdog
-from impedance_modules.backends.baxter.baxter_backend import CpuIdleInhibitor
 from impedance_modules.backends.baxter.driver import CHECK_PERIOD, PROCESS_PAUSE, Watchdog
 from impedance_modules.backends.baxter.position_mode import ARRIVED
+from impedance_modules.backends.computer import CpuIdleInhibitor
 from impedance_modules.control.loop import Interrupt, run_loop
 from impedance_modules.errors import RobotRefused, RobotStopped
 from impedance_modules.safety.stop_levels import Event

@@ -15,11 +15,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from impedance_modules.backends.baxter.preflight_checks import checks_before_power, refuse_failed
+from impedance_modules.backends.baxter.preflight_checks import checks_before_power
 from impedance_modules.backends.baxter.ros.transport import PublisherInfo
 from impedance_modules.backends.baxter.served_description import compare_description
 from impedance_modules.backends.baxter.simulator.collision_safety import HandPush
 from impedance_modules.backends.baxter.simulator.parameters import SPRINGS
+from impedance_modules.backends.preflight import refuse_failed
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.control.contact_detection import contact_checks
 from impedance_modules.effects.apply import apply_patch
