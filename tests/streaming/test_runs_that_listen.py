@@ -9,7 +9,8 @@ from impedance_modules.control.supervisor import Ending, Supervisor
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.runs.execution import RunOptions, carry_out
 from impedance_modules.runs.recorded_set_points import RecordedSetPoints
-from impedance_modules.runs.run_backends import replay_backend, sim_backend
+from impedance_modules.runs.run_backends import replay_backend
+from impedance_modules.runs.task_plant import sim_backend
 from impedance_modules.runs.verify import verify
 from impedance_modules.streaming.policy import PolicySource
 from tests.support.adversity import Books, Pushes
