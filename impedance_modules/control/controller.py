@@ -164,6 +164,7 @@ class Controller:
         begin_steady(cycle.expected, state.velocity, state.effort, first.acting)
         forget_travel(cycle.travel)
         cycle.modules.loads.grip = float(np.any(first.acting))
+        cycle.modules.targets.known = False
         self._begin(phase, self.assembly.modules, None)
         fill(tank, state.position, state.effort, self._place(state.position))
         given = 0.0
@@ -410,7 +411,12 @@ def _make_cycle(
         travel=travel_watch(
             assembly.period, assembly.tank.speed_bound, assembly.tank.compliance, assembly.tank.sensing_error
         ),
-        modules=lay_out(assembly.modules, n, None if compensator is None else compensator.record),
+        modules=lay_out(
+            assembly.modules,
+            n,
+            None if compensator is None else compensator.record,
+            period=assembly.period,
+        ),
         tank=make_tank(assembly.tank),
         brake=make_brake(assembly.brake, assembly.period, assembly.limits.effort_max),
         limits=assembly.limits,

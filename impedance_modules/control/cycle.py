@@ -22,6 +22,7 @@ from impedance_modules.compiled import compiled
 from impedance_modules.control.set_points import SetPoints, advance
 from impedance_modules.modules.motor_velocity import MotorVelocity, estimate_motor_velocity
 from impedance_modules.modules.sum import Modules, potential_energy, sum_modules
+from impedance_modules.modules.target_motion import measure_target_motion
 from impedance_modules.records import Integer, Record, Scalar, Vector
 from impedance_modules.robot.kinematics import ArmGeometry
 from impedance_modules.safety.active_set import UNDECIDED, ActiveSet, solve
@@ -147,6 +148,7 @@ def desire(cycle: Cycle, points: SetPoints, q: Array, velocity: Array, effort: A
     cycle.admitted = advance(points, modules, cycle.arms, tank, q, cycle.clock)
     cycle.clock += cycle.admitted * tank.period
     cycle.admitted = min(cycle.admitted, points.following.granted)
+    measure_target_motion(modules.targets, modules.springs, modules.bias)
     rescale_springs(tank)
     estimate_motor_velocity(cycle.motor, velocity, effort)
     cycle.energy = sum_modules(modules, cycle.arms, q, cycle.motor.velocity, tank.spring_scale)

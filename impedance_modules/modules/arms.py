@@ -136,6 +136,7 @@ def _bias(spec: JointBiasSpec, limb: Limb, posture: Array) -> JointBias:
         rest=posture[limb.joints],
         damping=np.array([damping.get(name, 0.0) for name in limb.short_names]),
         damping_ratio=spec.damping_ratio,
+        damping_against=spec.damping_against,
     )
 
 

@@ -24,6 +24,7 @@ from impedance_modules.modules.pose_motion import (
     PoseMotions,
     lay_out_motions,
     minimum_jerk,
+    minimum_jerk_slope,
     pose_motion,
     resting,
     write_pose,
@@ -210,6 +211,11 @@ class PhaseMotion:
                     lever = turn @ offset
                     found[name] = np.concatenate([twist[:3] + skew(twist[3:]) @ lever, twist[3:]])
         return found
+
+    def rest_rates(self, clock: float) -> Mapping[str, Array]:
+        """Gives how fast every arm's rest angles move per second of the clock, (k,) [rad/s]."""
+        slope = minimum_jerk_slope(clock / self.duration) / self.duration
+        return {limb: slope * (self.goals.get(limb, rest) - rest) for limb, rest in self.start.rests.items()}
 
     def _mover_start(self, mover: str) -> Pose:
         motion = self.moved[mover]

@@ -25,6 +25,7 @@ import numpy as np
 from impedance_modules.compiled import compiled
 from impedance_modules.modules.joint_bias import JointSprings
 from impedance_modules.modules.spring import Springs
+from impedance_modules.modules.target_motion import difference_twist
 from impedance_modules.records import Array3, Flag, Matrix, Record, Scalar, Vector
 from impedance_modules.robot.kinematics import ArmGeometry
 
@@ -129,7 +130,15 @@ def _gather(motion: EquilibriumVelocity, springs: Springs, bias: JointSprings, a
 def _add_spring(motion: EquilibriumVelocity, springs: Springs, s: int, arms: ArmGeometry) -> None:
     """Adds one spring with its damper."""
     f = springs.frame[s]
-    _write_twist(motion, springs, s)
+    difference_twist(
+        springs.target_rotation[s],
+        springs.target_translation[s],
+        motion.rotation[s],
+        motion.translation[s],
+        motion.twist,
+    )
+    for a in range(6):
+        motion.twist[a] /= motion.period
     for j in range(arms.moved_by[0, f], arms.moved_by[1, f]):
         for a in range(6):
             motion.column[a] = 0.0
@@ -141,20 +150,6 @@ def _add_spring(motion: EquilibriumVelocity, springs: Springs, s: int, arms: Arm
         for i in range(arms.moved_by[0, f], arms.moved_by[1, f]):
             for a in range(6):
                 motion.matrix[i, j] += arms.jacobian[f, a, i] * motion.column[a]
-
-
-@compiled
-def _write_twist(motion: EquilibriumVelocity, springs: Springs, s: int) -> None:
-    """Writes V_d of one spring; a turn within a cycle is as small as its sine."""
-    for a in range(3):
-        away = springs.target_translation[s, a] - motion.translation[s, a]
-        motion.twist[a] = away / motion.period
-        b, c = (a + 1) % 3, (a + 2) % 3
-        turn = 0.0
-        for k in range(3):
-            turn += springs.target_rotation[s, c, k] * motion.rotation[s, b, k]
-            turn -= springs.target_rotation[s, b, k] * motion.rotation[s, c, k]
-        motion.twist[3 + a] = 0.5 * turn / motion.period
 
 
 @compiled

@@ -9,7 +9,9 @@ frozen in world at the start posture. The stretch of the spring, in its own axes
 and everything else follows from the stored energy U = 1/2 e^T K e. With dampers D on the twist V and the constant
 forces F of the hybrid axes, the spring puts on its frame, in world axes, and asks of the joints
 
-    w = -dU/dx + F - D V,     \tau = J^T w                                       (thesis eq. 4.8, 4.35)
+    w = -dU/dx + F - D (V - V_d),     \tau = J^T w                               (thesis eq. 4.8, 4.35)
+
+with V_d = 0 for dampers against the world, as in the thesis, or the equilibrium's twist (``modules.target_motion``).
 
 The laws below are what runs in every cycle, over all springs of a task; ``Spring`` says what a task file declares.
 """
@@ -41,6 +43,7 @@ class Springs(Record):
         frame: (springs,) place of each spring's frame among the cycle's frames.
         target_rotation: (springs, 3, 3) R_d.
         target_translation: (springs, 3) p_d [m].
+        target_twist: (springs, 6) V_d [m/s, rad/s].
         wrench: (springs, 6) what each puts on its frame, at the frame's origin [N, N.m].
         effort: (springs, n) what each asks of the joints [N.m].
     """
@@ -51,6 +54,7 @@ class Springs(Record):
     frame: Indices
     target_rotation: Array3
     target_translation: Matrix
+    target_twist: Matrix
     wrench: Matrix
     effort: Matrix
 
@@ -121,7 +125,7 @@ def spring_energies(springs: Springs, arms: ArmGeometry) -> float:
 def spring_efforts(springs: Springs, arms: ArmGeometry, velocity: Array, scale: float) -> float:
     r"""Writes the wrench and the torque of every spring; returns their energy [J].
 
-    w = -s [g_v; L^T g_w] + F - D J v,   g = K e,     \tau = J^T w
+    w = -s [g_v; L^T g_w] + F - D (J v - V_d),   g = K e,     \tau = J^T w
 
     so that dU = -w . (dp, \delta) for every small motion, \delta a small world rotation (``turn_moment``).
 
@@ -145,7 +149,7 @@ def spring_efforts(springs: Springs, arms: ArmGeometry, velocity: Array, scale: 
             error,
         )
         for i in range(6):
-            twist[i] = 0.0
+            twist[i] = 0.0 - springs.target_twist[s, i]
             for j in range(first, last):
                 twist[i] += jacobian[i, j] * velocity[j]
         for i in range(6):

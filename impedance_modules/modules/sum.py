@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 r"""The sum of all modules at one state: torque, energy, and who contributed what.
 
-    \tau = \sum_springs J^T (w + F - D V) - K_j (q - q_0) - D_j v + \sum_hands J^T (squeeze + weight) + \tau_c
+    \tau = \sum_springs J^T (w + F - D (V - V_d)) - K_j (q - q_0) - D_j (v - v_0)
+           + \sum_hands J^T (squeeze + weight) + \tau_c
 
 Nothing is inverted and nothing is projected: impedances add (thesis eq. 4.28).
 """
@@ -21,13 +22,15 @@ from impedance_modules.modules.compensation import (
     no_compensation,
 )
 from impedance_modules.modules.damping import Damping
-from impedance_modules.modules.equilibrium import Equilibrium
+from impedance_modules.modules.equilibrium import Equilibrium, PhaseMotion
 from impedance_modules.modules.equilibrium_velocity import follow_equilibrium
 from impedance_modules.modules.held_object import ObjectLoads, object_efforts, object_loads
 from impedance_modules.modules.joint_bias import JointSprings, bias_efforts, bias_energy
-from impedance_modules.modules.spring import Springs, spring_efforts, spring_energies
+from impedance_modules.modules.spring import Spring, Springs, spring_efforts, spring_energies
+from impedance_modules.modules.target_motion import TargetMotion, target_motion
 from impedance_modules.records import Matrix, Record, Vector
 from impedance_modules.robot.kinematics import ArmGeometry
+from impedance_modules.spec.task import EQUILIBRIUM
 
 
 class Modules(Record):
@@ -35,6 +38,7 @@ class Modules(Record):
 
     Attributes:
         springs, bias, loads: Of every arm and of the object; their torques are rows of ``efforts``.
+        targets: How fast equilibria move, for dampers that count from them.
         compensation: Of what was diagnosed; inactive where nothing is to be compensated.
         efforts: (springs + arms + 2, n) torque of every spring, every arm's joint bias, squeeze and weight, and one
             row more for what is compensated, if anything is [N.m].
@@ -44,6 +48,7 @@ class Modules(Record):
     springs: Springs
     bias: JointSprings
     loads: ObjectLoads
+    targets: TargetMotion
     compensation: Compensation
     efforts: Matrix
     desired: Vector
@@ -87,13 +92,16 @@ def sum_modules(modules: Modules, arms: ArmGeometry, q: Array, velocity: Array, 
     return energy
 
 
-def lay_out(modules: TaskModules, n: int, compensation: Compensation | None = None) -> Modules:
+def lay_out(
+    modules: TaskModules, n: int, compensation: Compensation | None = None, *, period: float = 1.0
+) -> Modules:
     """Takes the memory of a task's modules once and writes what no phase changes; gains and equilibria are 0.
 
     Args:
         modules: Of the task.
         n: Number of the robot's joints.
         compensation: Of what was diagnosed; None for nothing.
+        period: Of the control [s]; only ``measure_target_motion`` needs it.
     """
     springs = [spring for arm in modules.arms for spring in arm.springs]
     count, arms = len(springs), len(modules.arms)
@@ -111,6 +119,7 @@ def lay_out(modules: TaskModules, n: int, compensation: Compensation | None = No
             frame=np.array([modules.frames.index(spring.frame) for spring in springs], dtype=np.int64),
             target_rotation=np.zeros((count, 3, 3)),
             target_translation=np.zeros((count, 3)),
+            target_twist=np.zeros((count, 6)),
             wrench=np.zeros((count, 6)),
             effort=efforts[:count],
         ),
@@ -118,14 +127,26 @@ def lay_out(modules: TaskModules, n: int, compensation: Compensation | None = No
             stiffness=stiffness,
             damping=np.zeros((n, n)),
             rest=np.zeros(n),
+            rest_velocity=np.zeros(n),
             limb=limb,
             effort=efforts[count : count + arms],
         ),
         loads=object_loads(modules.held, modules.frames, efforts[count + arms : count + arms + 2]),
+        targets=_target_motion(modules, springs, n, period),
         compensation=no_compensation(n) if compensation is None else compensation,
         efforts=efforts,
         desired=np.zeros(n),
     )
+
+
+def _target_motion(modules: TaskModules, springs: list[Spring], n: int, period: float) -> TargetMotion:
+    """Marks the dampers that count from their equilibrium."""
+    joints = [False] * n
+    for arm in modules.arms:
+        if arm.bias is not None and arm.bias.damping_against == EQUILIBRIUM:
+            for joint in arm.bias.joints:
+                joints[joint] = True
+    return target_motion([spring.spec.damping_against == EQUILIBRIUM for spring in springs], joints, period)
 
 
 def module_names(modules: TaskModules, *, compensated: bool = False) -> tuple[str, ...]:
@@ -152,6 +173,27 @@ def joint_damping_matrix(modules: TaskModules, damping: Damping, n: int) -> Arra
         if arm.bias is not None:
             found[np.ix_(arm.bias.joints, arm.bias.joints)] = damping.of_joints(arm.limb.name)
     return found
+
+
+def write_target_motion(
+    into: Modules, modules: TaskModules, motion: PhaseMotion | None, clock: float
+) -> None:
+    """Writes how fast equilibria and rest angles move at a phase's clock [s], for dampers that count from them.
+
+    Without a motion they are at rest.
+    """
+    if not into.targets.active:
+        return
+    if motion is None:
+        into.springs.target_twist[:], into.bias.rest_velocity[:] = 0.0, 0.0
+        return
+    twists, rates = motion.velocities(clock), motion.rest_rates(clock)
+    for s, name in enumerate(spring.name for arm in modules.arms for spring in arm.springs):
+        if into.targets.springs[s]:
+            into.springs.target_twist[s] = twists[name]
+    for arm in modules.arms:
+        if arm.bias is not None and arm.bias.damping_against == EQUILIBRIUM:
+            into.bias.rest_velocity[arm.bias.joints] = rates[arm.limb.name]
 
 
 def write_equilibrium(into: Modules, modules: TaskModules, targets: Equilibrium) -> None:

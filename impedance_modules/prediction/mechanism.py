@@ -17,9 +17,15 @@ from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.modules.arms import TaskModules
 from impedance_modules.modules.damping import Damping
-from impedance_modules.modules.equilibrium import Equilibrium
+from impedance_modules.modules.equilibrium import Equilibrium, PhaseMotion
 from impedance_modules.modules.held_object import HeldObject
-from impedance_modules.modules.sum import lay_out, sum_modules, write_equilibrium, write_gains
+from impedance_modules.modules.sum import (
+    lay_out,
+    sum_modules,
+    write_equilibrium,
+    write_gains,
+    write_target_motion,
+)
 from impedance_modules.plant.point_contact import hand_point, object_points
 from impedance_modules.plant.pushes import push_wrench
 from impedance_modules.prediction.contact_geometry import Contact, find_contacts, place_surface
@@ -37,12 +43,15 @@ class Setting:
     """What pulls on a mechanism: modules with the gains of a phase, their equilibria, their dampers.
 
     ``friction_rest`` is where the friction of the object's hinge has slipped to [rad]; None leaves that friction out.
+    ``motion`` and ``clock`` [s] say how fast the equilibria move; None for equilibria at rest.
     """
 
     modules: TaskModules
     targets: Equilibrium
     damping: Damping
     friction_rest: float | None = None
+    motion: PhaseMotion | None = None
+    clock: float = 0.0
 
 
 class Mechanism:
@@ -142,6 +151,7 @@ class Mechanism:
         self._in_force = setting if force_share == 1.0 else None
         found.springs.force[:] *= force_share
         write_equilibrium(found, setting.modules, setting.targets)
+        write_target_motion(found, setting.modules, setting.motion, setting.clock)
         energy = sum_modules(found, self.kinematics.arms, q, v, 1.0)
         return found.desired.copy(), energy
 

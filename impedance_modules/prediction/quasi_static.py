@@ -30,7 +30,7 @@ from impedance_modules.modules.pose_motion import minimum_jerk, minimum_jerk_slo
 from impedance_modules.prediction.implicit_step import EquationOfMotion, ImplicitStep
 from impedance_modules.prediction.mechanism import Mechanism, Setting
 from impedance_modules.prediction.phase_end import ExternalForce, PhaseEnd
-from impedance_modules.spec.task import PhaseSpec, SmoothCondition
+from impedance_modules.spec.task import EQUILIBRIUM, PhaseSpec, SmoothCondition
 
 MIDDLE = 0.55
 """Part of a step at which forces balance; 1 in steps in which a point meets or leaves a surface."""
@@ -237,6 +237,7 @@ class _Integration:
         mechanism, joints = self._mechanism, self._mechanism.joints
         v, ahead, D = self._v[joints], MIDDLE * step, self._motor_damping
         drift = _effort_rate(mechanism, phase.modules, phase.motion, clock + 0.5 * ahead)
+        drift += _damping_rate(mechanism, phase, clock, ahead)
         effort, bias = self.samples[-1].effort[joints] + ahead * drift, mechanism.kinematics.bias[joints]
         stiffness, dampers = mechanism.gains(phase.modules, phase.damping)
         now = EquationOfMotion(
@@ -294,11 +295,11 @@ class _Integration:
         blending = min(BLENDING, phase.motion.duration)
         part = 1.0 if clock >= blending else minimum_jerk(clock / blending)
         share = part if self._before is None else 1.0
-        setting = Setting(phase.modules, targets, phase.damping)
+        setting = Setting(phase.modules, targets, phase.damping, motion=phase.motion, clock=clock)
         effort, energy = mechanism.module_efforts(setting, self._q, self._v, force_share=share)
         if part == 1.0 or self._before is None:
             return effort, energy
-        before = Setting(self._before.modules, targets, self._before.damping)
+        before = replace(setting, modules=self._before.modules, damping=self._before.damping)
         old_effort, old_energy = mechanism.module_efforts(before, self._q, self._v)
         return old_effort + part * (effort - old_effort), old_energy + part * (energy - old_energy)
 
@@ -340,6 +341,23 @@ def _effort_rate(mechanism: Mechanism, modules: TaskModules, motion: PhaseMotion
             if np.any(twists[spring.name]):
                 pull = spring.world_stiffness @ twists[spring.name]
                 found += mechanism.jacobian(spring.frame).T @ pull
+    return found
+
+
+def _damping_rate(mechanism: Mechanism, phase: _Running, clock: float, ahead: float) -> Array:
+    """Gives how fast the torque of dampers grows that count from an equilibrium on its way, (k,) [N.m/s]."""
+    found = np.zeros(mechanism.k)
+    moving = [
+        spring
+        for arm in phase.modules.arms
+        for spring in arm.springs
+        if spring.spec.damping_against == EQUILIBRIUM
+    ]
+    if moving and phase.motion.moved:
+        now, then = phase.motion.velocities(clock), phase.motion.velocities(clock + ahead)
+        for spring in moving:
+            change = phase.damping.of_spring(spring) @ (then[spring.name] - now[spring.name])
+            found += mechanism.jacobian(spring.frame).T @ change / ahead
     return found
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from impedance_modules.spec.hinge_spec import build_hinge
 from impedance_modules.spec.task import (
     AXES,
+    WORLD,
     ContactCondition,
     Coordinate,
     HybridAxis,
@@ -68,6 +69,7 @@ def build_spring(raw: Raw) -> SpringSpec:
         damping=build_matrix(raw["damping"]) if "damping" in raw else None,
         damping_ratio=_number(raw, "damping_ratio"),
         axes=build_axes(raw.get("axes", {})),
+        damping_against=raw.get("damping_against", WORLD),
     )
 
 
@@ -77,6 +79,7 @@ def build_joint_bias(raw: Raw) -> JointBiasSpec:
         stiffness=build_numbers(raw["stiffness"]),
         damping=build_numbers(raw["damping"]) if "damping" in raw else None,
         damping_ratio=_number(raw, "damping_ratio"),
+        damping_against=raw.get("damping_against", WORLD),
     )
 
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from impedance_modules.errors import Problem
 from impedance_modules.spec.robot_spec import LimbSpec
-from impedance_modules.spec.task import AXES, HybridAxis, Matrix, SpringSpec
+from impedance_modules.spec.task import AXES, EQUILIBRIUM, HybridAxis, Matrix, SpringSpec
 from impedance_modules.spec.task_draft import DraftArm, TaskDraft
 from impedance_modules.spec.yaml_tree import KeyPath
 
@@ -39,11 +39,21 @@ def spring_problems(draft: TaskDraft, arms: Mapping[str, DraftArm]) -> Iterator[
             yield from matrix_problems(draft, arm.path("springs", i, "stiffness"), spring.stiffness)
             if spring.damping is not None:
                 yield from matrix_problems(draft, arm.path("springs", i, "damping"), spring.damping)
+            yield from _damper_problems(draft, arm.path("springs", i), spring)
         limb = draft.limb(arm.name)
         if limb is not None and springs_complete(draft, arm, limb):
             for free in joined_axes(undamped_axes(arm, limb, arm.springs)):
                 inside = ("axes", free.axis) if free.forced else ("stiffness",)
                 yield draft.problem(arm.path("springs", free.spring, *inside), free.message)
+
+
+def _damper_problems(draft: TaskDraft, path: KeyPath, spring: SpringSpec) -> Iterator[Problem]:
+    """A damper that is to count from the equilibrium must be there."""
+    limited = any(axis.speed_limit is not None for axis in spring.axes.values())
+    damped = limited or spring.damping is not None or spring.damping_ratio is not None
+    if spring.damping_against == EQUILIBRIUM and not damped:
+        message = "this spring has no damper; give damping_ratio or damping, or leave damping_against out"
+        yield draft.problem((*path, "damping_against"), message, at="key")
 
 
 def springs_complete(draft: TaskDraft, arm: DraftArm, limb: LimbSpec) -> bool:

@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from impedance_modules.spec.document import Document
 
 Matrix = NDArray[np.float64]
+WORLD, EQUILIBRIUM = "world", "equilibrium"
+"""What a damper counts from."""
+
 AXES: tuple[str, ...] = ("x", "y", "z", "rx", "ry", "rz")
 
 
@@ -50,6 +53,7 @@ class SpringSpec:
         damping: (6, 6) explicit damping [N.s/m, N.m.s/rad]; simply adds. None adds none.
         damping_ratio: Damping from the inertia, zeta; None adds none.
         axes: Hybrid axes by axis name.
+        damping_against: ``world``, or ``equilibrium``: the dampers brake only what differs from the equilibrium's way.
     """
 
     name: str
@@ -59,6 +63,7 @@ class SpringSpec:
     damping: Matrix | None
     damping_ratio: float | None
     axes: Mapping[str, HybridAxis]
+    damping_against: str = WORLD
 
 
 @dataclass(frozen=True)
@@ -69,11 +74,13 @@ class JointBiasSpec:
         stiffness: [N.m/rad] by the limb's short joint name.
         damping: [N.m.s/rad] by short joint name, explicit; None adds none.
         damping_ratio: Damping from (K_j, M + I_r); None adds none.
+        damping_against: ``world``, or ``equilibrium``: the dampers count from the rate of the rest angles.
     """
 
     stiffness: Mapping[str, float]
     damping: Mapping[str, float] | None
     damping_ratio: float | None
+    damping_against: str = WORLD
 
 
 @dataclass(frozen=True)
