@@ -13,6 +13,7 @@ from impedance_modules.cli.shared_options import (
     compensate_option,
     effects_option,
     rate_option,
+    robot_option,
     scale_option,
     task_argument,
 )
@@ -25,6 +26,7 @@ from impedance_modules.cli.shared_options import (
 @rate_option
 @scale_option
 @arm_option
+@robot_option
 def check_command(
     task: str,
     effects: Path | None,
@@ -32,6 +34,7 @@ def check_command(
     rate: float | None,
     scale: float,
     arm: str | None,
+    robot: str | None,
 ) -> int:
     """Check TASK, a file or the name of a shipped task, and predict what it will do.
 
@@ -46,7 +49,9 @@ def check_command(
     from impedance_modules.prediction.forecast import forecast_task
     from impedance_modules.runs.task_acceptance import accept
 
-    assembly = assemble(task, effects=effects, compensate=compensate, rate=rate, scale=scale, arm=arm)
+    assembly = assemble(
+        task, effects=effects, compensate=compensate, rate=rate, scale=scale, arm=arm, robot_name=robot
+    )
     prediction = accept(assembly)
     assembly = taught(assembly)
     trial = tried(assembly, prediction, seed=0, console=Terminal())
@@ -58,10 +63,13 @@ def check_command(
 @task_argument
 @click.option("--phase", metavar="NAME", help="At rest where this phase ends  [default: the start posture].")
 @effects_option
+@robot_option
 @click.option(
     "--json", "json_file", type=click.Path(path_type=Path), metavar="F", help="Write all of it to a file."
 )
-def analyze_command(task: str, phase: str | None, effects: Path | None, json_file: Path | None) -> int:
+def analyze_command(
+    task: str, phase: str | None, effects: Path | None, robot: str | None, json_file: Path | None
+) -> int:
     """Analyse TASK: inertia, damping and stiffness of every arm, and their sum at the object.
 
     Matrices are 6x6, linear then angular, in world axes at the frame's origin, SI units. Exit: 0, 2 bad input.
@@ -71,7 +79,7 @@ def analyze_command(task: str, phase: str | None, effects: Path | None, json_fil
     from impedance_modules.prediction.analysis import analyse_task
     from impedance_modules.prediction.analysis_json import write_analysis
 
-    assembly = taught(assemble(task, effects=effects, rate=None, scale=1.0, arm=None))
+    assembly = taught(assemble(task, effects=effects, rate=None, scale=1.0, arm=None, robot_name=robot))
     analysis = analyse_task(assembly, phase)
     if json_file is not None:
         write_analysis(analysis, json_file)

@@ -21,6 +21,7 @@ from impedance_modules.cli.shared_options import (
     compensate_option,
     effects_option,
     rate_option,
+    robot_option,
     scale_option,
     task_argument,
 )
@@ -42,6 +43,7 @@ REAL = ("baxter", "franka")
 @click.command("run")
 @task_argument
 @arm_option
+@robot_option
 @click.option("--backend", type=click.Choice(BACKENDS), default="sim", show_default=True, help="Robot.")
 @click.option(
     "--log",
@@ -88,6 +90,7 @@ REAL = ("baxter", "franka")
 def run_command(
     task: str,
     arm: str | None,
+    robot: str | None,
     backend: str,
     log: Path | None,
     mjcf: Path | None,
@@ -136,6 +139,7 @@ def run_command(
             scale=scale,
             arm=arm,
             calibrate=None if found is None else found.calibrate,
+            robot_name=robot,
         )
         assembly = replace(assembly, allow_unstable=allow_unstable)
         asked = RunRequest(

@@ -38,6 +38,12 @@ scale_option = click.option(
     help="Multiply stiffness, damping and forces; above 0, up to 1.",
 )
 
+robot_option = click.option(
+    "--robot",
+    metavar="NAME",
+    help="Robot to run on, instead of the task's: a name or a folder; for tasks that name no joints.",
+)
+
 arm_option = click.option("--arm", metavar="NAME", help="Use only this arm.")
 
 

@@ -32,4 +32,6 @@ class Terminal(Console):
 
 def styled(template: str, *values: object) -> Text:
     """Fills values into a text with styles: ``styled("[bold]{}[/bold]: {}", name, words)``."""
-    return Text.from_markup(template.format(*(escape(printable(str(value))) for value in values)))
+    return Text.from_markup(
+        template.format(*(escape(printable(str(value))) for value in values)), emoji=False
+    )

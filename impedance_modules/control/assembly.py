@@ -85,6 +85,7 @@ def assemble(
     arm: str | None,
     compensate: Path | None = None,
     calibrate: Callable[[RobotSpec], RobotSpec] | None = None,
+    robot_name: str | None = None,
 ) -> Assembly:
     """Reads and checks a task and everything it names.
 
@@ -96,11 +97,12 @@ def assemble(
         arm: Only this arm takes part, or None for all.
         compensate: Patch file whose effects the controller compensates, or None.
         calibrate: Replaces the robot by one particular one, e.g. with its own mounts; None leaves the folder's.
+        robot_name: Name or folder of the robot that the task runs on; None for the one that it names.
 
     Raises:
         BadInput, BadFile: Every problem of the input; nothing has moved.
     """
-    task, robot = read_task(task_name)
+    task, robot = read_task(task_name, robot=robot_name)
     if calibrate is not None:
         robot = calibrate(robot)
     compensation = None if compensate is None else _compensation(task, robot, compensate)

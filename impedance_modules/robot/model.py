@@ -141,8 +141,12 @@ class RobotModel:
         return int(self.pin_model.getFrameId(frame, pin.FrameType.BODY))
 
     def position(self, postures: Mapping[str, Mapping[str, float]]) -> Array:
-        """Builds q (n,) [rad] from limb -> short joint name -> angle; joints of other limbs are 0."""
-        q = np.zeros(self.n)
+        """Builds q (n,) [rad] from limb -> short joint name -> angle.
+
+        Joints of other limbs are 0, or in the middle of their range where 0 is outside of it.
+        """
+        lower, upper = self.column("position_min"), self.column("position_max")
+        q = np.where((lower <= 0.0) & (upper >= 0.0), 0.0, 0.5 * (lower + upper))
         for limb_name, posture in postures.items():
             limb = self.limbs[limb_name]
             for short, index in zip(limb.short_names, limb.joints, strict=True):

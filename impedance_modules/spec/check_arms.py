@@ -57,8 +57,20 @@ def _mirror_problems(draft: TaskDraft, name: str) -> Iterator[Problem]:
         yield draft.problem(
             at, f"the robot '{draft.robot.name}' has no 'mirror' in its file; write this arm out"
         )
+    elif _without_signs(draft) and name not in draft.images and draft.robot is not None:
+        message = (
+            f"the joint angles of '{original}' have no mirror image: no joint signs make the arms of"
+            f" '{draft.robot.name}' images of each other; write this arm out, or name a posture that its file has"
+        )
+        yield draft.problem(at, message)
     else:
         yield from _image_problems(draft, name, original)
+
+
+def _without_signs(draft: TaskDraft) -> bool:
+    """Whether no joint signs make one arm of the robot the image of the other."""
+    mirror = None if draft.robot is None else draft.robot.mirror
+    return mirror is not None and not mirror.joint_sign
 
 
 def _image_problems(draft: TaskDraft, name: str, original: str) -> Iterator[Problem]:

@@ -22,8 +22,8 @@ CONSEQUENCES = {
     "timing": "the highest stable stiffness holds for these rates and delays only",
     "sensors": "noise and the energy that sensing may feign are those of another encoder",
     "contact_detection": "contact may be felt late, or where there is none",
-    "gravity_compensation": "if it is not so, the arms fall, or are lifted by their weight taken twice",
-    "control_modes": "if the robot takes no torque commands, nothing of this can be carried out on it",
+    "gravity_compensation": "the arms fall, or are lifted by their weight taken twice",
+    "control_modes": "the robot takes no torques, and nothing of this can be carried out on it",
     "inertia": "links weigh something else: statics, damping and forces are foretold of other links",
 }
 """Key of the list ``assumed`` -> what follows where the number is wrong."""

@@ -12,7 +12,7 @@ of a hand, because the image of a frame with axes R has the axes P R P.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -45,12 +45,14 @@ class TaskDraft:
         broken: Paths at which the YAML or the schema found something wrong.
         robot: None where the robot itself could not be read; what needs it is then left unchecked.
         urdf: Of that robot.
+        images: Arm that mirrors another -> its own posture [rad], where the robot file names it.
     """
 
     document: Document
     broken: tuple[KeyPath, ...]
     robot: RobotSpec | None
     urdf: UrdfFacts | None
+    images: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def has(self, *path: str | int) -> bool:
         """Whether the file gives a value at a path."""
@@ -227,7 +229,7 @@ def _mirrored_arm(draft: TaskDraft, name: str, original: DraftArm) -> DraftArm |
     return DraftArm(
         name=name,
         mirror_of=original.name,
-        posture=mirrored_posture(original.posture, draft.robot.mirror),
+        posture=draft.images.get(name) or mirrored_posture(original.posture, draft.robot.mirror),
         joint_bias=original.joint_bias,
         springs={
             i: mirrored_spring(spring, frames, plane)

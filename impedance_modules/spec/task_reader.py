@@ -32,8 +32,10 @@ from impedance_modules.spec.check_surroundings import (
 )
 from impedance_modules.spec.document import Document, scan_document
 from impedance_modules.spec.locate import find_robot, find_task
+from impedance_modules.spec.other_robot import on_robot
 from impedance_modules.spec.robot_reader import read_robot
 from impedance_modules.spec.robot_spec import RobotSpec
+from impedance_modules.spec.robot_words import FilledIn, fill_in, tie_problems
 from impedance_modules.spec.schema import schema_faults
 from impedance_modules.spec.set_point_limits import build_set_point_limits
 from impedance_modules.spec.surface_mesh import mesh_path, read_mesh
@@ -45,18 +47,38 @@ RobotReader = Callable[[Path], RobotSpec]
 """Reads the robot in a folder."""
 
 
-def read_task(name_or_path: str | Path, robot_reader: RobotReader = read_robot) -> tuple[TaskSpec, RobotSpec]:
-    """Reads a task and the robot it names.
+def read_task(
+    name_or_path: str | Path, robot_reader: RobotReader = read_robot, *, robot: str | None = None
+) -> tuple[TaskSpec, RobotSpec]:
+    """Reads a task and the robot it names, or another one.
 
     Args:
         name_or_path: A path, or the name of a shipped task; a path wins.
         robot_reader: Reads the robot's folder.
+        robot: Name or folder of the robot that it shall run on; None for the one that it names.
 
     Raises:
         BadInput: There is no such task, or it is no text file.
-        BadFile: The task, or the robot it names, has faults; all of them at once.
+        BadFile: The task, or the robot it names, has faults; all of them at once. Or it names joints, links or
+            numbers of its own robot and shall run on another.
     """
-    return check_task(scan_document(find_task(name_or_path)), robot_reader)
+    document = scan_document(find_task(name_or_path))
+    if robot is None:
+        return check_task(document, robot_reader)
+    changed = on_robot(document, robot)
+    own, other = (_robot_name(one) for one in (document, changed))
+    if own != other:
+        problems = [
+            *tie_problems(document, robot_reader(find_robot(changed.data["robot"], document.path)), own)
+        ]
+        if problems:
+            raise BadFile(problems)
+    return check_task(changed, robot_reader)
+
+
+def _robot_name(document: Document) -> str:
+    """The folder's name of the robot that a task names, which is the robot's."""
+    return Path(str(document.data.get("robot"))).name
 
 
 def check_task(document: Document, robot_reader: RobotReader = read_robot) -> tuple[TaskSpec, RobotSpec]:
@@ -70,12 +92,13 @@ def check_task(document: Document, robot_reader: RobotReader = read_robot) -> tu
         robot, urdf = _read_robot(document, robot_reader)
     except BadFile as error:
         problems += error.problems
-    draft = TaskDraft(document, broken, robot, urdf)
+    filled = FilledIn(document) if robot is None or urdf is None else fill_in(document, robot, urdf.links)
+    draft = TaskDraft(filled.document, broken, robot, urdf, filled.images)
     arms = draft_arms(draft)
-    problems += _meaning_problems(draft, arms)
+    problems += [*filled.problems, *_meaning_problems(draft, arms)]
     if problems or robot is None:
         raise BadFile(problems)
-    return _finished(document, arms), robot
+    return _finished(filled.document, arms, document), robot
 
 
 def _read_robot(document: Document, robot_reader: RobotReader) -> tuple[RobotSpec | None, UrdfFacts | None]:
@@ -116,8 +139,8 @@ def _mode_problems(draft: TaskDraft) -> Iterator[Problem]:
         yield draft.document.problem(("robot",), message, ("a robot whose control_modes name torque",))
 
 
-def _finished(document: Document, arms: Mapping[str, DraftArm]) -> TaskSpec:
-    """The TaskSpec of a document in which nothing is wrong."""
+def _finished(document: Document, arms: Mapping[str, DraftArm], written: Document) -> TaskSpec:
+    """The TaskSpec of a document in which nothing is wrong; ``written`` is the file as it stands."""
     data = document.data
     limits = build_set_point_limits(data["set_points"]) if "set_points" in data else None
     return TaskSpec(
@@ -134,7 +157,7 @@ def _finished(document: Document, arms: Mapping[str, DraftArm]) -> TaskSpec:
         ),
         path=document.path,
         text=document.text,
-        document=document,
+        document=written,
         playback=_playback(document) if "playback" in data else None,
         set_points=limits,
     )

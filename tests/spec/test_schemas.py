@@ -78,5 +78,6 @@ def test_the_fixture_every_key_has_every_key():
     others = ("slide-over-position", "hold-to-saddle", "hold-to-fouled-pipe")
     following = CHECKOUT / "tasks" / "follow-set-points.yaml"
     shipped = (CHECKOUT / "tasks" / "thesis" / f"{name}.yaml" for name in others)
-    paths = (EVERY_KEY, TESTS / "data" / "every-hinge-key.yaml", following, *shipped)
+    neutral = CHECKOUT / "tasks" / "any-robot" / "stand-by.yaml"
+    paths = (neutral, EVERY_KEY, TESTS / "data" / "every-hinge-key.yaml", following, *shipped)
     assert known <= set().union(*(document_keys(yaml.safe_load(path.read_text())) for path in paths))
