@@ -11,12 +11,16 @@ import numpy as np
 import pytest
 
 from impedance_modules.control.assembly import Assembly, assemble
+from impedance_modules.control.loop import Interrupt, run_loop
+from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.episode.data import Episode
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.runs.execution import RunOptions, RunResult, carry_out
-from impedance_modules.runs.run_backends import make_backend
+from impedance_modules.runs.run_backends import make_backend, mujoco_backend
 from impedance_modules.runs.verify import verify
+from tests.support.adversity import Books
 from tests.support.commands import invoke
+from tests.support.paths import TESTS
 
 FREE, TOUCHING = 0.005, 0.010
 """By how much the hands of the two realities may differ, RMS [m]."""
@@ -27,6 +31,7 @@ TASKS = {
     "wipe-table": (3.0, TOUCHING),
     "press-box": (2.5, TOUCHING),
     "box-hold": (5.0, TOUCHING),
+    str(TESTS / "data" / "fr3-box.yaml"): (4.0, TOUCHING),
 }
 """Task -> how much of it is run [s], and what may differ."""
 
@@ -73,6 +78,21 @@ def test_the_tank_is_never_overdrawn_and_no_effort_leaves_its_limit(task: str) -
     assert summary["tank"]["lowest"] >= summary["tank"]["floor"]
     assert summary["tank"]["work"] <= summary["tank"]["work_bound"]
     assert max(summary["torque_peak_over_limit"].values()) <= 1.0
+
+
+@pytest.mark.parametrize("noise", [True, False])
+@pytest.mark.parametrize("task", ["wipe-table", "press-box"])
+def test_work_at_mujocos_motors_stays_within_the_claim(task: str, noise: bool) -> None:
+    """Integral of tau dtheta along MuJoCo's own rotors, never above what the tank grants."""
+    assembly = assembled(task)
+    backend = mujoco_backend(assembly, 3, noise=noise)
+    books = Books(Supervisor(assembly), backend.plant)
+    first = backend.start()
+    books.supervisor.start(first)
+    options = {"duration": 1.5, "paced": False, "read_only": False}
+    run_loop(books.supervisor, backend, first.state, books.watch, Interrupt(), **options)
+    assert books.least_margin >= -1e-9 and books.largest_error <= 1e-9
+    assert abs(backend.plant.motor_work) > 0.05
 
 
 def test_the_recording_names_its_reality_and_has_the_same_columns() -> None:
