@@ -13,7 +13,7 @@ from tests.house.test_imports import RANK
 from tests.support.paths import CHECKOUT
 
 PROSE_WIDTH = 118
-FOLDERS = ("impedance_modules", "impedance_experiments", "tests", "benchmarks", "docs", ".ci")
+FOLDERS = ("impedance_modules", "impedance_experiments", "tests", "benchmarks", "docs", "examples", ".ci")
 """Where the source files lie that docs cite."""
 
 DOCUMENTS = sorted(

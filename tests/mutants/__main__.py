@@ -31,7 +31,7 @@ from tests.support.paths import CHECKOUT
 
 COPIED = (
     "impedance_modules", "impedance_experiments", "tests", "robots", "tasks", "schemas", "benchmarks", "docs",
-    "pyproject.toml",
+    "examples", "pyproject.toml",
 )  # fmt: skip
 LIBRARIES = ("numpy", "scipy.linalg", "scipy.optimize", "pinocchio", "coal", "yaml", "hypothesis", "pytest")
 PATIENCE = 600
