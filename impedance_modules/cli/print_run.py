@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -52,9 +53,18 @@ def _phases(summary: dict[str, Any]) -> Table:
     table.add_column("phase")
     table.add_column("seconds", justify="right")
     table.add_column("ended by")
+    table.add_column("hands from their targets then")
     for phase in summary["phases"]:
-        table.add_row(phase["name"], f"{phase['seconds']:.2f}", phase["ended_by"])
+        table.add_row(phase["name"], f"{phase['seconds']:.2f}", phase["ended_by"], _errors(phase["hands"]))
     return table
+
+
+def _errors(hands: dict[str, Any]) -> str:
+    """Writes position and orientation error of every hand at a phase's end, one a line."""
+    return "\n".join(
+        f"{hand}: {1000 * found['position_error']:.1f} mm, {math.degrees(found['orientation_error']):.1f}°"
+        for hand, found in hands.items()
+    )
 
 
 def _numbers(summary: dict[str, Any]) -> Table:
@@ -95,4 +105,7 @@ def _endings(summary: dict[str, Any]) -> list[str]:
         lines.append("the task was carried out")
     else:
         lines.append(f"{summary['ending']}: {summary['reason']}")
+        where = _errors(summary["ended_in"]["hands"]).replace("\n", ", ")
+        if where:
+            lines.append(f"in phase '{summary['ended_in']['phase']}', hands from their targets then: {where}")
     return lines

@@ -23,6 +23,12 @@ from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.prediction.passages import passage_problems
 from impedance_modules.prediction.phase_loops import PhaseLoops, judge_loops, unstable_loops
 from impedance_modules.prediction.quasi_static import MotionPrediction, predict_motion
+from impedance_modules.prediction.reach import (
+    CourseAndRests,
+    MissedTarget,
+    missed_targets,
+    reach_problems,
+)
 from impedance_modules.prediction.statics import Rest, find_rest
 from impedance_modules.spec.task import Sine
 
@@ -40,6 +46,7 @@ class TaskPrediction:
         tank: The energy it needs.
         loops: Of each phase: are they stable?
         compensation: What is compensated along it; None where nothing is.
+        missed: Targets that are out of reach, but accepted.
     """
 
     motion: MotionPrediction
@@ -47,15 +54,16 @@ class TaskPrediction:
     tank: TankForecast
     loops: tuple[PhaseLoops, ...]
     compensation: CompensationForecast | None = None
+    missed: tuple[MissedTarget, ...] = ()
 
 
 def refuse_infeasible(assembly: Assembly) -> TaskPrediction:
     """Refuses a task that cannot run as written; nothing has moved.
 
     A torque loop of the robot's own that is not passive; a sine that the control rate cannot follow; hands or an object
-    so deep inside a surface at the start that it pushes harder than the joints can; a torque beyond a joint's limit, in
-    motion or at rest; a tank that holds less than the task needs; a loop that is unstable at this rate and delay, at a
-    phase's rest or for too long on the way, unless the assembly allows it.
+    so deep inside a surface at the start that it pushes harder than the joints can; a target out of reach; a torque
+    beyond a joint's limit, in motion or at rest; a tank that holds less than the task needs; a loop that is unstable at
+    this rate and delay, at a phase's rest or for too long on the way, unless the assembly allows it.
 
     Returns:
         What was predicted.
@@ -68,12 +76,11 @@ def refuse_infeasible(assembly: Assembly) -> TaskPrediction:
     at_start = [*gain, *_sines_above_nyquist(assembly), *_pressed_at_start(assembly, mechanism)]
     if at_start:
         raise BadFile(at_start)
-    motion = predict_motion(assembly)
-    rests = tuple(find_rest(mechanism, phase.setting, phase.q) for phase in motion.phases)
+    motion, rests, missed = _within_reach(assembly, mechanism)
     compensation = forecast_compensation(assembly, mechanism, motion, rests)
     tank = forecast_tank(assembly, mechanism, motion, compensation)
     loops = judge_loops(assembly, mechanism, motion, rests)
-    prediction = TaskPrediction(motion, rests, tank, loops, compensation)
+    prediction = TaskPrediction(motion, rests, tank, loops, compensation, missed)
     problems = [
         *_efforts_beyond_limits(assembly, prediction),
         *_need_beyond_tank(assembly, prediction.tank),
@@ -82,6 +89,27 @@ def refuse_infeasible(assembly: Assembly) -> TaskPrediction:
     if problems:
         raise BadFile(problems)
     return prediction
+
+
+def _within_reach(
+    assembly: Assembly, mechanism: Mechanism
+) -> tuple[MotionPrediction, tuple[Rest | None, ...], tuple[MissedTarget, ...]]:
+    """Predicts motion and rests, and refuses targets that are out of reach before anything else is said of them."""
+    try:
+        motion = predict_motion(assembly)
+    except BadFile:
+        _refuse_missed(assembly, missed_targets(assembly, None))
+        raise
+    rests = tuple(find_rest(mechanism, phase.setting, phase.q) for phase in motion.phases)
+    missed = missed_targets(assembly, CourseAndRests(motion, rests))
+    _refuse_missed(assembly, missed)
+    return motion, rests, missed
+
+
+def _refuse_missed(assembly: Assembly, missed: tuple[MissedTarget, ...]) -> None:
+    problems = list(reach_problems(assembly, missed))
+    if problems:
+        raise BadFile(problems)
 
 
 def _sines_above_nyquist(assembly: Assembly) -> Iterator[Problem]:

@@ -30,6 +30,7 @@ from impedance_modules.prediction.loop_stability import StabilityForecast
 from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.prediction.phase_loops import PhaseLoops
 from impedance_modules.prediction.quasi_static import MotionPrediction, PredictedPhase
+from impedance_modules.prediction.reach import reach_notes
 from impedance_modules.prediction.statics import Rest, analyse_state
 from impedance_modules.robot.model import Limb, RobotModel
 from impedance_modules.superposition.modes import longest_time_constant, natural_modes
@@ -180,7 +181,11 @@ def forecast_task(assembly: Assembly, prediction: TaskPrediction) -> Forecast:
         )
         hinge = _forecast_hinge(mechanism, phase, rest, judged, phases)
         phases.append(_forecast_phase(mechanism, phase, rest, arms, judged, hinge))
-    notes = tuple(dict.fromkeys(note for phase in phases for note in _notes(phase)))
+    notes = tuple(
+        dict.fromkeys(
+            [*reach_notes(assembly, prediction.missed), *(note for phase in phases for note in _notes(phase))]
+        )
+    )
     return Forecast(tuple(phases), prediction.tank, notes, prediction.compensation)
 
 

@@ -45,11 +45,14 @@ class Summary:
         self._backend, self._seed = backend, seed
         self._tally = Tally(assembly, columns)
         self._changed = self._attributed = 0
+        self._at_end: list[dict[str, Any]] = []
         self._reduced: dict[tuple[str, str], float] = defaultdict(float)
 
     def add(self, row: Array) -> None:
         """Takes one cycle's recorded row."""
         self._tally.add(row)
+        if len(self._supervisor.sequence.ended) > len(self._at_end):
+            self._at_end.append(self._tally.errors(row))
         if self._supervisor.controller.changed:
             if self._changed % ATTRIBUTED == 0:
                 self._attribute()
@@ -129,9 +132,10 @@ class Summary:
             "cycles": tally.cycles,
             "late_cycles": tally.late,
             "phases": [
-                {"name": name, "seconds": seconds, "ended_by": why}
-                for name, seconds, why in supervisor.sequence.ended
+                {"name": name, "seconds": seconds, "ended_by": why, "hands": errors}
+                for (name, seconds, why), errors in zip(supervisor.sequence.ended, self._at_end, strict=False)
             ],
+            "ended_in": {"phase": supervisor.sequence.phase.name, "hands": tally.errors(tally.last)},
             "tank": self._tank(),
             "torque_peak_over_limit": dict(zip(names, (tally.effort_peak / limits).tolist(), strict=True)),
             "hands": self._hand_numbers(),
@@ -160,13 +164,27 @@ class HandTally:
         self._squares, self._rows = 0.0, 0
         self._place = _places(columns, pose_columns(frame)[:3])
         self._force = _places(columns, wrench_columns(frame)[:3])
-        target = target_columns(frame)[:3]
-        self._target = _places(columns, target) if target[0] in columns else None
+        target = target_columns(frame)
+        self._target = _places(columns, target[:3]) if target[0] in columns else None
+        self._turn = _places(columns, pose_columns(frame)[3:])
+        self._target_turn = _places(columns, target[3:]) if target[0] in columns else None
 
     @property
     def error_rms(self) -> float:
         """Root of the mean squared distance to the target [m]."""
         return math.sqrt(self._squares / max(1, self._rows))
+
+    def error(self, row: Array) -> dict[str, Any] | None:
+        """Gives distance [m] and angle [rad] of one row from its target; None for a hand without a spring.
+
+        Of two unit quaternions a, b the angle is 2 atan2(|vector part of a b*|, |a . b|).
+        """
+        if self._target is None or self._target_turn is None:
+            return None
+        distance = float(np.linalg.norm(row[self._place] - row[self._target]))
+        turn = _turned_back(row[self._turn], row[self._target_turn])
+        angle = 2.0 * math.atan2(float(np.linalg.norm(turn[:3])), abs(float(turn[3])))
+        return {"position_error": distance, "orientation_error": angle, "units": "m, rad"}
 
     def add(self, rows: Array) -> None:
         """Takes a block of rows (k, columns)."""
@@ -222,9 +240,11 @@ class Tally:
         effort_peak: (n,) largest magnitude of every joint's torque that left [N.m].
         hands: In the order of the task's arms.
         hinge: Of the held object; None without one.
+        last: (columns without the phase,) the newest row that was taken into account.
     """
 
     def __init__(self, assembly: Assembly, columns: Sequence[str]) -> None:
+        self.last: Array = np.zeros(len(columns) - 1)
         self.cycles = self.late = self.slowed = 0
         self.lowest, self.softest = assembly.tank.initial, 1.0
         self.effort_peak: Array = np.zeros(assembly.model.n)
@@ -237,6 +257,11 @@ class Tally:
         # The phase is text and no part of a row.
         self._rows = np.zeros((BLOCK, len(columns) - 1))
         self._filled = 0
+
+    def errors(self, row: Array) -> dict[str, Any]:
+        """Gives how far each hand with a spring is from its target in one row, by its frame."""
+        found = {hand.frame: hand.error(row) for hand in self.hands}
+        return {frame: error for frame, error in found.items() if error is not None}
 
     @property
     def duration(self) -> float:
@@ -258,6 +283,7 @@ class Tally:
         if self.cycles == 0:
             self._first = float(rows[0, 0])
         self._last = float(rows[-1, 0])
+        self.last[:] = rows[-1]
         self.cycles += len(rows)
         self.late += int(np.count_nonzero(rows[:, self._late]))
         self.slowed += int(np.count_nonzero((rows[:, self._granted] < 1.0) | (rows[:, self._paid] < 1.0)))
@@ -272,6 +298,12 @@ class Tally:
 
 def _places(columns: Sequence[str], names: Sequence[str]) -> Indices:
     return np.array([columns.index(name) for name in names], dtype=np.intp)
+
+
+def _turned_back(a: Array, b: Array) -> Array:
+    """Gives the quaternion a b* of two unit quaternions (x, y, z, w)."""
+    vector = b[3] * a[:3] - a[3] * b[:3] - np.cross(a[:3], b[:3])
+    return np.append(vector, a @ b)
 
 
 def _lengths(vectors: Array) -> Array:

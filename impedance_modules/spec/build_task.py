@@ -193,6 +193,7 @@ def build_phase(raw: Raw, listened: tuple[str, ...] = ()) -> PhaseSpec:
         until=_until(raw["until"]) if "until" in raw else None,
         otherwise=raw.get("otherwise", "stop"),
         listen=listened if raw.get("listen", False) else (),
+        beyond_reach=raw.get("beyond_reach", False),
     )
 
 

@@ -357,6 +357,7 @@ class PhaseSpec:
         until: Ends the phase early; None runs for ``duration``.
         otherwise: ``stop`` (exit 3) or ``next`` when ``until`` is not met at ``duration``.
         listen: Targets whose equilibria follow set-points that arrive meanwhile; none for most phases.
+        beyond_reach: Whether its targets may lie where no posture brings the frames: springs that only pull that way.
     """
 
     name: str
@@ -368,6 +369,7 @@ class PhaseSpec:
     until: ContactCondition | ReachedCondition | SmoothCondition | None
     otherwise: str
     listen: tuple[str, ...] = ()
+    beyond_reach: bool = False
 
 
 @dataclass(frozen=True)

@@ -94,6 +94,6 @@ def test_a_task_that_meets_no_limit_is_not_tried_and_needs_no_compiler() -> None
     code = (
         "import sys; from impedance_modules.cli.main import impedance\n"
         "impedance(['check', 'box-hold'], standalone_mode=False)\n"
-        "print('numba' in sys.modules, 'impedance_modules.plant.plant' in sys.modules)"
+        "print('numba' in sys.modules, 'impedance_modules.runs.trial_run' in sys.modules)"
     )
     assert python("-c", code).stdout.splitlines()[-1] == "False False"
