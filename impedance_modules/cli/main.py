@@ -31,6 +31,7 @@ VERBS = {
     "sweep": "sweep_verb",
     "roughness": "surface_verbs",
     "robot": "robot_verb",
+    "ik": "ik_verb",
     "reproduce": "reproduce_verb",
     "baxter": "baxter",
 }

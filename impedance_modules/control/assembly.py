@@ -17,6 +17,7 @@ from impedance_modules.effects.compensate import PatchCompensation, compensate_p
 from impedance_modules.errors import BadInput
 from impedance_modules.modules.arms import TaskModules, build_modules
 from impedance_modules.robot.distances import Distances
+from impedance_modules.robot.hand_postures import with_joint_angles
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.safety.brake import BrakeGains, brake_gains, trusted_motor_damping
@@ -105,6 +106,7 @@ def assemble(
     task, robot = read_task(task_name, robot=robot_name)
     if calibrate is not None:
         robot = calibrate(robot)
+    task = with_joint_angles(task, robot)
     compensation = None if compensate is None else _compensation(task, robot, compensate)
     patch = None if effects is None else read_patch(effects)
     if patch is not None:

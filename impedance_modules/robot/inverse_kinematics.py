@@ -26,8 +26,9 @@ from impedance_modules.robot.model import Limb, RobotModel
 from impedance_modules.robot.pose import Pose
 from impedance_modules.robot.rotation import log3
 
-STARTS = 12
-"""Random postures from which the pose is sought, beside those that are given; from a fixed seed."""
+STARTS, FEWER_STARTS = 30, 12
+"""Random postures from which a pose is sought, beside those that are given; from a fixed seed. The second number is
+enough where several postures are compared, if one of them reaches the pose."""
 
 STEPS = 100
 """Of one search."""
@@ -37,6 +38,9 @@ AHEAD, TURN_AHEAD = 0.1, 0.5
 
 ARRIVED = 1e-9
 """A pose this near is reached [m, rad]."""
+
+COMPARED = 1e-6
+"""Postures this near are compared by their joints [m, rad]."""
 
 STOPPED = 1e-7
 """A search whose joints move less in a step has ended [rad]."""
@@ -161,18 +165,19 @@ class LimbKinematics:
 
         Where none reaches it, the nearest.
         """
-        found = [self._descended(goal, start) for start in [0.5 * (self.low + self.high), *self._drawn()]]
+        found = list[FoundPosture]()
+        for start in self._drawn():
+            if len(found) > FEWER_STARTS and min(each.missed(goal) for each in found) < COMPARED:
+                break
+            found.append(self._descended(goal, start))
         least = min(each.missed(goal) for each in found)
-        reaching = [each for each in found if each.missed(goal) < max(1e-6, 1.01 * least)]
+        reaching = [each for each in found if each.missed(goal) < max(COMPARED, 1.01 * least)]
         return min(reaching, key=lambda each: float(np.max(np.abs(self._off_centre(each.q)))))
 
     def elbow_angle(self, q: Array, frame: str) -> float | None:
         """Gives the elbow's angle at q (k,) [rad]; None where the elbow lies on the line from shoulder to hand."""
-        return self._elbow_in_model(self._in_model(q), frame)
-
-    def _elbow_in_model(self, q: Array, frame: str) -> float | None:
         data = self._links.createData()
-        pin.framesForwardKinematics(self._links, data, q)
+        pin.framesForwardKinematics(self._links, data, self._in_model(q))
         return self._elbow_at(data, frame)
 
     def _descended(self, goal: FrameGoal, start: Array) -> FoundPosture:
@@ -189,7 +194,9 @@ class LimbKinematics:
         hand = pink.FrameTask(goal.frame, 1.0, 0.3 if goal.oriented else 0.0, lm_damping=DAMPING)
         tasks, limits = [hand], [ConfigurationLimit(self._links, 0.9)]
         if goal.elbow is not None:
-            tasks.append(ElbowTask(goal.elbow, lambda q: self._elbow_in_model(q, goal.frame), DAMPING))
+            tasks.append(
+                ElbowTask(goal.elbow, lambda q: self.elbow_angle(q[self._order], goal.frame), DAMPING)
+            )
         best = self._found(goal, now)
         for _ in range(STEPS):
             hand.set_target(_set_ahead(now.get_transform_frame_to_world(goal.frame), goal.pose))

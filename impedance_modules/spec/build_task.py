@@ -17,6 +17,7 @@ from impedance_modules.spec.task import (
     WORLD,
     ContactCondition,
     Coordinate,
+    HandPosture,
     HybridAxis,
     JointBiasSpec,
     Matrix,
@@ -81,6 +82,15 @@ def build_joint_bias(raw: Raw) -> JointBiasSpec:
         damping_ratio=_number(raw, "damping_ratio"),
         damping_against=raw.get("damping_against", WORLD),
     )
+
+
+def build_hand_posture(raw: Raw) -> HandPosture:
+    """Makes a posture by the hand's pose [m], [rad]."""
+    hand = raw["hand"]
+    turned = any(axis in hand for axis in ("rx", "ry", "rz"))
+    turn = (float(hand.get("rx", 0.0)), float(hand.get("ry", 0.0)), float(hand.get("rz", 0.0)))
+    place = (float(hand["x"]), float(hand["y"]), float(hand["z"]))
+    return HandPosture(place, turn if turned else None, _number(raw, "elbow"))
 
 
 def build_numbers(raw: Raw) -> Mapping[str, float]:

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 
 from impedance_modules.errors import Problem, nearest
 from impedance_modules.spec.robot_spec import JointSpec, LimbSpec
-from impedance_modules.spec.task_draft import WORLD, DraftArm, TaskDraft, mirrored_frames
+from impedance_modules.spec.task_draft import WORLD, DraftArm, TaskDraft, given_by_hand, mirrored_frames
 from impedance_modules.spec.urdf import UrdfFacts
 from impedance_modules.spec.yaml_tree import KeyPath
 
@@ -92,7 +92,7 @@ def _image_problems(draft: TaskDraft, name: str, original: str) -> Iterator[Prob
 
 def _posture_problems(draft: TaskDraft, arm: DraftArm) -> Iterator[Problem]:
     limb = draft.limb(arm.name)
-    if limb is None:
+    if limb is None or given_by_hand(draft, arm.mirror_of or arm.name):
         return
     if arm.mirror_of is None:
         yield from joint_name_problems(draft, arm.path("posture"), limb)

@@ -84,18 +84,38 @@ class JointBiasSpec:
 
 
 @dataclass(frozen=True)
+class HandPosture:
+    """A posture by where the hand is.
+
+    Attributes:
+        place: (x, y, z) of the hand's frame in world [m].
+        turn: Its rotation vector [rad]; None leaves the orientation free.
+        elbow: Angle of the elbow (``robot.inverse_kinematics``) [rad]; None leaves it free.
+    """
+
+    place: tuple[float, float, float]
+    turn: tuple[float, float, float] | None
+    elbow: float | None
+
+
+@dataclass(frozen=True)
 class ArmSpec:
     """One impedance module: a limb, where it starts, its joint bias and its springs.
 
     Attributes:
         limb: Name of the limb in the robot file.
-        posture: [rad] by short joint name: start, and rest of the joint bias.
+        posture: [rad] by short joint name: start, and rest of the joint bias. Empty as long as ``by_hand`` is not
+            solved (``robot.hand_postures``).
+        by_hand: The posture by its hand's pose; None where joint angles are given.
+        mirror_of: Name of the arm whose image this one is; None where it is written out.
     """
 
     limb: str
     posture: Mapping[str, float]
     joint_bias: JointBiasSpec | None
     springs: tuple[SpringSpec, ...]
+    by_hand: HandPosture | None = None
+    mirror_of: str | None = None
 
 
 @dataclass(frozen=True)

@@ -19,10 +19,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.errors import Problem
-from impedance_modules.spec.build_task import build_joint_bias, build_numbers, build_spring
+from impedance_modules.spec.build_task import (
+    build_hand_posture,
+    build_joint_bias,
+    build_numbers,
+    build_spring,
+)
 from impedance_modules.spec.document import Document
 from impedance_modules.spec.robot_spec import LimbSpec, MirrorSpec, RobotSpec
-from impedance_modules.spec.task import AXES, ArmSpec, HybridAxis, JointBiasSpec, Matrix, SpringSpec
+from impedance_modules.spec.task import (
+    AXES,
+    ArmSpec,
+    HandPosture,
+    HybridAxis,
+    JointBiasSpec,
+    Matrix,
+    SpringSpec,
+)
 from impedance_modules.spec.urdf import UrdfFacts
 from impedance_modules.spec.yaml_tree import KeyPath
 
@@ -108,6 +121,7 @@ class DraftArm:
         posture: [rad] by short joint name; only the clean ones.
         joint_bias: None where it is absent or at fault.
         springs: By position in the file; only the clean ones.
+        by_hand: Posture by the hand's pose; None where angles are given, or where it is at fault.
     """
 
     name: str
@@ -115,6 +129,7 @@ class DraftArm:
     posture: Mapping[str, float]
     joint_bias: JointBiasSpec | None
     springs: Mapping[int, SpringSpec]
+    by_hand: HandPosture | None = None
 
     def path(self, *inside: str | int) -> KeyPath:
         """Where a part of the arm stands in the file; a mirror image stands where it is asked for."""
@@ -122,7 +137,8 @@ class DraftArm:
 
     def finished(self) -> ArmSpec:
         """The arm of a draft in which nothing is wrong."""
-        return ArmSpec(self.name, self.posture, self.joint_bias, tuple(self.springs.values()))
+        springs = tuple(self.springs.values())
+        return ArmSpec(self.name, self.posture, self.joint_bias, springs, self.by_hand, self.mirror_of)
 
 
 def draft_arms(draft: TaskDraft) -> Mapping[str, DraftArm]:
@@ -200,10 +216,11 @@ def _mirrored_matrix(matrix: Matrix, signs: NDArray[np.float64]) -> Matrix:
 
 def _written_arm(draft: TaskDraft, name: str) -> DraftArm:
     at = ("arms", name)
+    by_hand = given_by_hand(draft, name)
     angles = {
         j: draft.value(*at, "posture", j)
         for j in draft.keys(*at, "posture")
-        if draft.clean(*at, "posture", j)
+        if draft.clean(*at, "posture", j) and not by_hand
     }
     springs = {
         i: draft.value(*at, "springs", i)
@@ -217,7 +234,15 @@ def _written_arm(draft: TaskDraft, name: str) -> DraftArm:
         posture=build_numbers(angles),
         joint_bias=None if bias is None else build_joint_bias(bias),
         springs={i: build_spring(raw) for i, raw in springs.items()},
+        by_hand=build_hand_posture(draft.value(*at, "posture"))
+        if by_hand and draft.clean(*at, "posture")
+        else None,
     )
+
+
+def given_by_hand(draft: TaskDraft, arm: str) -> bool:
+    """Whether an arm's posture is given by its hand's pose: a limb may have a joint that is called ``hand``."""
+    return isinstance(draft.value("arms", arm, "posture", "hand"), dict)
 
 
 def _mirrored_arm(draft: TaskDraft, name: str, original: DraftArm) -> DraftArm | None:
@@ -236,4 +261,5 @@ def _mirrored_arm(draft: TaskDraft, name: str, original: DraftArm) -> DraftArm |
             for i, spring in original.springs.items()
             if spring.frame in frames and spring.expressed_in in frames
         },
+        by_hand=original.by_hand,
     )

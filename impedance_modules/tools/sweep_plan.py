@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from impedance_modules.errors import BadInput
+from impedance_modules.robot.hand_postures import with_joint_angles
 from impedance_modules.spec.document import Document
 from impedance_modules.spec.patch_file import read_patch
 from impedance_modules.spec.task_reader import read_task
@@ -139,7 +140,7 @@ def make_jobs(plan: SweepPlan) -> list[SweepJob]:
         BadInput: A path leads to no number, is given twice, or there are too many runs.
         BadFile: The task or the patch is faulty as it stands.
     """
-    read_task(plan.task)
+    with_joint_angles(*read_task(plan.task))
     task = task_document(plan.task)
     patch = None if plan.effects is None else read_patch(plan.effects).document
     numbers = {found.path: _find_number(found, task, patch) for found in plan.ranges}

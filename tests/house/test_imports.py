@@ -32,7 +32,7 @@ STAGES = {name: step for step, names in enumerate(STEPS) for name in names.split
 """Folders and files of diagnosis/ in the order in which a recording goes through them."""
 
 ALLOWED_IN = {
-    "pinocchio": {"robot", "plant", "effects"}, "coal": {"robot", "plant"}, "rospy": {"backends"},
+    "pinocchio": {"robot", "plant", "effects"}, "pink": {"robot"}, "coal": {"robot", "plant"}, "rospy": {"backends"},
     "mujoco": {"backends"},
     "pylibfranka": {"backends"}, "rclpy": {"backends"},
     "daqp": {"safety"}, "proxsuite": {"safety"}, "qpsolvers": {"safety"}, "click": {"cli"},

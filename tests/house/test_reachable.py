@@ -21,9 +21,10 @@ Verbs are imported by the names in ``cli.main.VERBS``, experiments by those in t
 
 REGISTERED = (
     *("impedance_modules/machine_code.py", "impedance_modules/cli/"),
+    "impedance_modules/robot/elbow_task.py",
     *("baxter/ros/socket_transport.py", "baxter/ros/tcp_connection.py"),
 )
-"""Files whose functions are called through a table: numba's decorators, click's verbs, ROS's XML-RPC."""
+"""Files whose functions are called through a table: numba's decorators, click's verbs, pink's tasks, ROS's XML-RPC."""
 
 REASONS = {
     "write_episode": "Python API: writes an episode from columns (docs/import.md)",

@@ -79,5 +79,6 @@ def test_the_fixture_every_key_has_every_key():
     following = CHECKOUT / "tasks" / "follow-set-points.yaml"
     shipped = (CHECKOUT / "tasks" / "thesis" / f"{name}.yaml" for name in others)
     neutral = CHECKOUT / "tasks" / "any-robot" / "stand-by.yaml"
-    paths = (neutral, EVERY_KEY, TESTS / "data" / "every-hinge-key.yaml", following, *shipped)
+    data = (TESTS / "data" / f"{name}.yaml" for name in ("every-hinge-key", "hand-posture"))
+    paths = (neutral, EVERY_KEY, *data, following, *shipped)
     assert known <= set().union(*(document_keys(yaml.safe_load(path.read_text())) for path in paths))

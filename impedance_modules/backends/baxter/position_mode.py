@@ -22,6 +22,7 @@ from impedance_modules.backends.baxter.robot_link import RobotCallbacks, RobotLi
 from impedance_modules.backends.baxter.ros.messages import AssemblyState, Empty
 from impedance_modules.backends.baxter.stops import Stops, stop_thresholds
 from impedance_modules.errors import BadInput, RobotRefused, RobotStopped
+from impedance_modules.robot.hand_postures import with_joint_angles
 from impedance_modules.robot.model import Limb
 from impedance_modules.safety.stop_levels import Event
 from impedance_modules.spec.robot_spec import RobotSpec
@@ -118,6 +119,7 @@ def named_posture(spec: RobotSpec, name: str) -> dict[str, dict[str, float]]:
         return found
     try:
         task, robot = read_task(name)
+        task = with_joint_angles(task, robot)
     except BadInput as error:
         raise BadInput(f"posture '{name}': {error} (valid besides tasks: {', '.join(POSTURES)})") from None
     if robot.name != spec.name:
