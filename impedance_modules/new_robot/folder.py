@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
@@ -22,6 +23,7 @@ from impedance_modules.new_robot.collision_pairs import (
 from impedance_modules.new_robot.copies import Base, Copies
 from impedance_modules.new_robot.copy_names import CopyNames, names_of_copies
 from impedance_modules.new_robot.drive_numbers import DriveNumbers, drive_numbers, stated_effort
+from impedance_modules.new_robot.first_postures import NamedPosture, first_postures
 from impedance_modules.new_robot.robot_text import RobotText, robot_yaml
 from impedance_modules.new_robot.source_description import SourceDescription, read_description
 from impedance_modules.robot.description_facts import largest_weight_torques, mirror_signs
@@ -99,7 +101,7 @@ def make_robot(asked: NewRobot) -> MadeRobot:
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary) / asked.name
         folder.mkdir()
-        text = _without_neighbours(_written(asked, description, structure, folder), folder)
+        text = _completed(_written(asked, description, structure, folder), folder)
         asked.folder.mkdir(parents=True, exist_ok=True)
         shutil.copytree(folder, target)
     limbs = {chain.limb: tuple(chain.joints) for _, chain in text.arms}
@@ -176,16 +178,27 @@ def _one_arm(description: SourceDescription, folder: Path) -> Path:
     return path
 
 
-def _without_neighbours(text: RobotText, folder: Path) -> RobotText:
-    """Reads the folder back, and takes pairs of links off its list that are close in nearly every posture."""
+def _completed(text: RobotText, folder: Path) -> RobotText:
+    """Reads the folder back, takes neighbours off its list of pairs, and adds the first postures."""
     model = RobotModel(read_robot(folder))
     near = neighbours(model, model.spec.collision.pairs, model.spec.collision.margin)
-    if not near:
-        return text
-    listed = ", ".join(f"{first} and {second}" for first, second in sorted(near))
-    notes = (*text.notes, f"not kept apart, since they are close in most postures: {listed}")
-    kept = replace(text, pairs=[pair for pair in text.pairs if pair not in near], notes=notes)
+    notes = list(text.notes)
+    if near:
+        listed = ", ".join(f"{first} and {second}" for first, second in sorted(near))
+        notes.append(f"not kept apart, since they are close in most postures: {listed}")
+    known = {posture.name for posture in text.postures}
+    found = [posture for posture in first_postures(model) if posture.name not in known]
+    for limb in model.limbs:
+        if not any(limb in posture.limbs for posture in found):
+            notes.append(f"no posture with the hand of '{limb}' in front was found: name one under postures")
+    kept = replace(
+        text,
+        pairs=[pair for pair in text.pairs if pair not in near],
+        notes=tuple(notes),
+        postures=(*text.postures, *found),
+    )
     (folder / ROBOT_FILE).write_text(robot_yaml(kept), encoding="utf-8")
+    read_robot(folder)
     return kept
 
 
@@ -267,16 +280,18 @@ def _signs(
 
 def _named_postures(
     arms: Sequence[tuple[CopyNames, Chain]], semantics: Semantics | None
-) -> dict[str, dict[str, dict[str, float]]]:
+) -> tuple[NamedPosture, ...]:
     """Group states of an SRDF that give all joints of an arm, for every copy of it."""
-    out: dict[str, dict[str, dict[str, float]]] = {}
+    found = list[NamedPosture]()
     for name, angles in ({} if semantics is None else semantics.postures).items():
-        for _, chain in arms:
-            if set(chain.joints.values()) <= set(angles):
-                out.setdefault(name, {})[chain.limb] = {
-                    short: angles[joint] for short, joint in chain.joints.items()
-                }
-    return out
+        limbs = {
+            chain.limb: {short: angles[joint] for short, joint in chain.joints.items()}
+            for _, chain in arms
+            if set(chain.joints.values()) <= set(angles)
+        }
+        if limbs and re.fullmatch(r"[A-Za-z][A-Za-z0-9_-]*", name):
+            found.append(NamedPosture(name, "[file] the SRDF", limbs))
+    return tuple(found)
 
 
 def _description_notes(description: SourceDescription, copies: Copies, numbers: DriveNumbers) -> list[str]:

@@ -11,6 +11,7 @@ from impedance_modules.export.edited_xml import number
 from impedance_modules.new_robot.chains import Chain
 from impedance_modules.new_robot.copy_names import CopyNames
 from impedance_modules.new_robot.drive_numbers import DriveNumbers, Value
+from impedance_modules.new_robot.first_postures import NamedPosture
 from impedance_modules.spec.robot_postures import CONSEQUENCES
 
 UNITS = {
@@ -50,7 +51,7 @@ class RobotText:
         mirror: Short name -> sign, and short name -> offset [rad]; None where no signs are known.
         mirrored: Whether the arms stand as mirror images of each other.
         pairs: Links that are kept apart.
-        postures: Name -> limb -> short name -> angle [rad].
+        postures: Each with its source.
         gravity: What carries the weight, and whether somebody said so.
         modes: Control modes, and whether somebody said so.
         notes: Sentences about the description.
@@ -65,7 +66,7 @@ class RobotText:
     mirror: tuple[Mapping[str, int], Mapping[str, float]] | None
     mirrored: bool
     pairs: Sequence[tuple[str, str]]
-    postures: Mapping[str, Mapping[str, Mapping[str, float]]]
+    postures: Sequence[NamedPosture]
     gravity: tuple[str, bool]
     modes: tuple[Sequence[str], bool]
     notes: Sequence[str]
@@ -206,10 +207,10 @@ def _mirror(robot: RobotText) -> str:
 def _postures(robot: RobotText) -> str:
     if not robot.postures:
         return ""
-    lines = ["postures: # rad [file]"]
-    for name, limbs in robot.postures.items():
-        lines.append(f"  {name}:")
-        for limb, angles in limbs.items():
+    lines = ["postures: # rad"]
+    for posture in robot.postures:
+        lines.append(f"  {posture.name}: # {posture.source}")
+        for limb, angles in posture.limbs.items():
             lines += _wrapped(f"    {limb}: ", angles)
     return "\n".join(lines)
 

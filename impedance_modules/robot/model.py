@@ -161,6 +161,12 @@ class RobotModel:
         between = sum(float(np.linalg.norm(links.jointPlacements[joint].translation)) for joint in joints)
         return between + float(np.linalg.norm(frame.placement.translation))
 
+    def joint_place(self, joint: str) -> Array:
+        """Computes where a joint is in world (3,) [m], all joints where ``position`` puts those of other limbs."""
+        data = self.pin_model.createData()
+        pin.forwardKinematics(self.pin_model, data, self.position({}))
+        return np.array(data.oMi[self.pin_model.getJointId(joint)].translation)
+
     def pose(self, q: Array, frame: str) -> Pose:
         """Computes X_WF at q, allocating; loops use ``Kinematics``."""
         data = self.pin_model.createData()

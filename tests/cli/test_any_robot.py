@@ -17,28 +17,18 @@ from impedance_modules.errors import BadFile, BadInput
 from impedance_modules.prediction.energy_need import forecast_tank
 from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.prediction.quasi_static import predict_motion
-from impedance_modules.runs.execution import RunOptions, carry_out
-from impedance_modules.runs.run_backends import make_backend
-from impedance_modules.runs.task_acceptance import accept
 from impedance_modules.runs.verify import verify
 from impedance_modules.spec.document import parse_document
 from impedance_modules.spec.other_robot import on_robot
 from impedance_modules.spec.task_reader import read_task
 from tests.support.paths import CHECKOUT
+from tests.support.run_on_robot import run_on_robot as run
 
 FOLDER = CHECKOUT / "tasks" / "any-robot"
 NAMES = tuple(sorted(path.stem for path in FOLDER.glob("*.yaml")))
 TWO_ARMS = ("carry-box", "part-and-meet")
 ONE_ARM = tuple(name for name in NAMES if name not in TWO_ARMS)
 ROBOTS = ("fr3-pair", "panda", "ur5e-pair")
-
-
-def run(task: str, robot: str, out: Path, duration: float | None) -> Ending:
-    assembly = assemble(task, effects=None, rate=None, scale=1.0, arm=None, robot_name=robot)
-    accept(assembly)
-    backend = make_backend(assembly, backend="sim", log=None, seed=0)
-    options = RunOptions(out=out, seed=0, duration=duration, live=False, read_only=False, backend="sim")
-    return carry_out(assembly, backend, options, lambda *_: None).ending
 
 
 def test_there_are_enough_of_them() -> None:

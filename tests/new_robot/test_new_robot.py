@@ -13,12 +13,14 @@ import pytest
 from click.testing import CliRunner
 
 from impedance_modules.cli.main import impedance
+from impedance_modules.control.supervisor import Ending
 from impedance_modules.errors import ImpedanceError
 from impedance_modules.robot.description import rigid_model
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.robot_reader import read_robot
 from tests.support.arm_samples import random_position
 from tests.support.paths import CHECKOUT, SIX_JOINT_PAIR, robot_descriptions
+from tests.support.run_on_robot import run_on_robot
 
 ONE_ARM = """<robot name="one">
   <link name="post"/>
@@ -167,6 +169,30 @@ def test_stock_descriptions_become_robots_that_weigh_the_same(
     np.testing.assert_allclose(model.gravity(q), weight[places], atol=1e-6)
 
 
+@pytest.mark.parametrize(("name", "file", "options", "joints"), STOCK, ids=[row[0] for row in STOCK])
+def test_a_task_runs_on_a_stock_description_at_once(
+    name: str, file: str, options: tuple[str, ...], joints: int, tmp_path: Path
+) -> None:
+    folder = new(tmp_path, name, robot_descriptions() / file, *options)
+    assert "palms-down" in read_robot(folder).postures
+    assert run_on_robot("stand-by", str(folder), tmp_path / "run", duration=0.2) is Ending.INTERRUPTED
+
+
+def test_first_postures_point_where_they_say(tmp_path: Path) -> None:
+    stock = robot_descriptions() / "panda_description" / "urdf" / "panda.urdf"
+    model = RobotModel(read_robot(new(tmp_path, "pair", stock, "--mirror=0.7", "--shapes=none")))
+    sides = {"right": -1.0, "left": 1.0}
+    for limb, side in sides.items():
+        for name, place, pointing in (
+            ("palms-down", (0.6, side * 0.25, 0.1), (0.0, 0.0, -1.0)),
+            ("palms-inward", (0.6, side * 0.1, 0.1), (0.0, -side, 0.0)),
+        ):
+            q = model.position({limb: model.spec.postures[name][limb]})
+            hand = model.pose(q, model.limbs[limb].hand)
+            np.testing.assert_allclose(hand.translation, place, atol=1e-3)
+            np.testing.assert_allclose(hand.rotation[:, 2], pointing, atol=1e-3)
+
+
 def test_a_srdf_gives_pairs_and_postures(tmp_path: Path) -> None:
     stock = robot_descriptions() / "panda_description"
     options = (f"--srdf={stock / 'srdf' / 'panda.srdf'}", "--shapes=capsules")
@@ -212,6 +238,24 @@ def test_a_mujoco_model_gives_rotors_damping_and_torques(tmp_path: Path) -> None
     assert (spec.joints["turn"].effort_max, spec.joints["lift"].effort_max) == (30.0, 4.0)
     assert spec.joints["turn"].reflected_inertia == 0.05 and spec.joints["lift"].motor_damping == 0.4
     assert "taken twice" in refused(tmp_path, path, "--gravity=command")
+
+
+BIAS_ONLY = """format: 1
+name: hold
+robot: two
+arms:
+  right: {posture: {turn: 0.1, lift: -0.2}, joint_bias: {stiffness_per_effort: 0.1, damping_ratio: 0.7}}
+safety: {tank: {initial: 1, max: 2, floor: 0.3}}
+phases: [{name: hold, duration: 1}]
+"""
+
+
+def test_a_task_runs_on_a_mujoco_model(tmp_path: Path) -> None:
+    (tmp_path / "two.xml").write_text(MODEL)
+    folder = new(tmp_path / "robots", "two", tmp_path / "two.xml")
+    (tmp_path / "hold.yaml").write_text(BIAS_ONLY)
+    ending = run_on_robot(str(tmp_path / "hold.yaml"), str(folder), tmp_path / "run", duration=0.2)
+    assert ending is Ending.INTERRUPTED
 
 
 def test_a_xacro_file_is_expanded(tmp_path: Path) -> None:
