@@ -59,10 +59,10 @@ $(VENV)/docs.stamp: requirements/docs.txt $(VENV)/run.stamp
 
 # Needs uv: writes the locked versions anew.
 lock:
-	uv pip compile pyproject.toml --group build --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --no-annotate -q --upgrade -o requirements/run.txt
-	uv pip compile pyproject.toml --group build --group test --group lint --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --no-annotate -q --upgrade -o requirements/develop.txt
-	uv pip compile pyproject.toml --group benchmark --constraint requirements/develop.txt --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --no-annotate -q --upgrade -o requirements/benchmark.txt
-	uv pip compile pyproject.toml --group docs --constraint requirements/develop.txt --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --no-annotate -q --upgrade -o requirements/docs.txt
+	uv pip compile pyproject.toml --extra plots --extra bags --group build --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --no-annotate -q --upgrade -o requirements/run.txt
+	uv pip compile pyproject.toml --extra plots --extra bags --group build --group test --group lint --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --no-annotate -q --upgrade -o requirements/develop.txt
+	uv pip compile pyproject.toml --extra plots --extra bags --group benchmark --constraint requirements/develop.txt --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --no-annotate -q --upgrade -o requirements/benchmark.txt
+	uv pip compile pyproject.toml --extra plots --extra bags --group docs --constraint requirements/develop.txt --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --no-annotate -q --upgrade -o requirements/docs.txt
 	uv pip compile --group audit --constraint requirements/develop.txt --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --no-annotate -q --upgrade -o requirements/audit.txt
 
 clean:

@@ -23,6 +23,7 @@ EXPERIMENTS = "impedance_experiments"
 BOTTOM = {
     "arrays",
     "errors",
+    "extras",
     "input_files",
     "strict_json",
     "plain_figures",

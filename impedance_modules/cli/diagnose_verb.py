@@ -7,6 +7,7 @@ import json
 from contextlib import contextmanager
 from pathlib import Path
 from statistics import fmean
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -16,8 +17,10 @@ from impedance_modules.cli.next_commands import Asked, next_commands
 from impedance_modules.cli.plain_lines import say
 from impedance_modules.cli.shared_options import held_positions
 from impedance_modules.cli.terminal import Terminal, styled
+from impedance_modules.cli.text_logs import GRAVITIES, SOURCES, Stated, as_episodes
 from impedance_modules.diagnosis.result import DEFAULT_TOLERANCE
 from impedance_modules.errors import BadInput
+from impedance_modules.extras import need
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -64,6 +67,16 @@ PATH = click.Path(path_type=Path)
     "--recording", type=PATH, metavar="F.rrd", help="Write measured, predicted and regimes for the viewer."
 )
 @click.option("--patch", type=PATH, metavar="F.yaml", help="Write what was found as a patch.")
+@click.option(
+    "--effort-source",
+    type=click.Choice(SOURCES),
+    help="Of a text log that does not say it: where effort was measured  [default: joint_sensor].",
+)
+@click.option(
+    "--gravity-compensation",
+    type=click.Choice(GRAVITIES),
+    help="Of a text log that does not say it: what held the arm's weight  [default: none].",
+)
 def diagnose_command(
     logs: tuple[Path, ...],
     holdout: tuple[Path, ...],
@@ -78,10 +91,13 @@ def diagnose_command(
     report: Path | None,
     recording: Path | None,
     patch: Path | None,
+    effort_source: str | None,
+    gravity_compensation: str | None,
 ) -> int:
-    """Compare LOG..., episodes of one robot, with the model that was to predict them.
+    """Compare LOG..., recordings of one robot, with the model that was to predict them.
 
-    A LOG is an episode, a run's directory, or a folder of episodes as import makes it.
+    A LOG is an episode, a run's directory, a folder of episodes as import makes it, or a text log: of libfranka, of
+    RTDE, or a table with the columns time, position.JOINT, velocity.JOINT, effort.JOINT in SI units.
 
     Exit: 0 no gap or explained, 2 bad input, 5 partly or not explained, 6 ambiguous, 7 data insufficient.
     """
@@ -90,14 +106,23 @@ def diagnose_command(
     from impedance_modules.diagnosis.diagnose import diagnose, insufficient
     from impedance_modules.episode.run_folder import episode_paths
 
+    if report is not None:
+        need("matplotlib", "--report")
     if (robot is None) == (urdf is None):
         raise BadInput("diagnose needs the model to compare: give --robot NAME or --urdf FILE, one of them")
     _refuse_unknown(without)
     chosen = (("--holdout", holdout), ("--hold", hold), ("--without", without), ("--effects", (effects,)))
     options = [str(word) for key, values in chosen for value in values if value for word in (key, value)]
     asked = Asked(logs, robot, urdf, tuple(options), json_path)
-    logs, holdout = episode_paths(logs), episode_paths(holdout)
-    read = read_recordings([*logs, *holdout])
+    stated = Stated(effort_source, gravity_compensation)
+    with TemporaryDirectory() as folder:
+
+        def ready(paths: tuple[Path, ...]) -> tuple[Path, ...]:
+            text_read = as_episodes(paths, lambda: _description(robot, urdf), stated, Path(folder))
+            return episode_paths(text_read)
+
+        logs, holdout = ready(logs), ready(holdout)
+        read = read_recordings([*logs, *holdout])
     episodes = [episode for found in read for episode in found]
     tested = [episode for found in read[len(logs) :] for episode in found]
     console = Terminal()
@@ -126,6 +151,13 @@ def diagnose_command(
     for command in commands:
         console.print(styled("  {}", command), soft_wrap=True)
     return found.exit_code
+
+
+def _description(robot: str | None, urdf: Path | None) -> Path:
+    """Gives the description that names the joints of text logs."""
+    from impedance_modules.spec.robot_reader import read_robot
+
+    return urdf if urdf is not None else read_robot(str(robot)).urdf
 
 
 def _refuse_unknown(without: tuple[str, ...]) -> None:

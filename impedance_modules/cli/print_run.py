@@ -6,12 +6,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
+from impedance_modules.episode.run_folder import PICTURE
+from impedance_modules.extras import how_to_install, installed
 from impedance_modules.runs.execution import RunResult
 
 
@@ -43,7 +46,15 @@ def print_run(result: RunResult, console: Console) -> None:
     console.print(_numbers(summary))
     for line in _endings(summary):
         console.print(line, highlight=False)
-    console.print(f"files: {result.directory}/ (episode.parquet, recording.rrd, summary.json, picture.png)")
+    print_files(result.directory, ("episode.parquet", "recording.rrd", "summary.json"), console)
+
+
+def print_files(directory: Path, names: tuple[str, ...], console: Console) -> None:
+    """Prints which files a run has left; with the picture, or how to get it."""
+    drawn = (PICTURE,) if (directory / PICTURE).exists() else ()
+    console.print(f"files: {directory}/ ({', '.join((*names, *drawn))})", highlight=False)
+    if not drawn and not installed("matplotlib"):
+        console.print(f"no {PICTURE}: it needs matplotlib ({how_to_install('matplotlib')})", markup=False)
 
 
 def _phases(summary: dict[str, Any]) -> Table:

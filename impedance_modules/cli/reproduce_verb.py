@@ -40,6 +40,9 @@ def reproduce_command(
 
     Exit: 0 done, 2 no such experiment.
     """
+    from impedance_modules.extras import need
+
+    need("matplotlib", "impedance reproduce")
     from impedance_experiments.thesis_experiments import EXPERIMENTS, find_experiment
     from impedance_modules.cli.terminal import Terminal
     from impedance_modules.errors import BadInput

@@ -427,4 +427,6 @@ def _print_playback(summary: dict[str, Any], directory: Path, console: Console) 
             f"{summary['ending']} after {summary['duration']:.2f} of {summary['of']:.2f} s", highlight=False
         )
         console.print(summary["reason"], highlight=False)
-    console.print(f"files: {directory}/ (episode.parquet, summary.json, picture.png)", highlight=False)
+    from impedance_modules.cli.print_run import print_files
+
+    print_files(directory, ("episode.parquet", "summary.json"), console)

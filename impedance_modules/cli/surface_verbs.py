@@ -46,6 +46,9 @@ def map_command(episode: Path, out: Path, hand: str | None, force: float, cell: 
     from impedance_modules.episode.reader import read_episode
     from impedance_modules.episode.run_folder import the_episode
     from impedance_modules.errors import BadInput
+    from impedance_modules.extras import need
+
+    need("matplotlib", "impedance map")
     from impedance_modules.tools.surface_fit import map_surface, touches_of
     from impedance_modules.tools.surface_report import write_map
 

@@ -120,6 +120,7 @@ def _collect(
     """Takes the rows as they come, then writes them in order with the plots."""
     from rich.progress import Progress
 
+    from impedance_modules.extras import how_to_install, installed
     from impedance_modules.tools.sweep_report import TableFile, draw
 
     table = TableFile(folder / TABLE, paths)
@@ -134,6 +135,8 @@ def _collect(
     table.rewrite(rows)
     written = [folder / TABLE, *draw(rows, paths, folder)]
     console.print("\n".join(map(str, written)), highlight=False, soft_wrap=True)
+    if not installed("matplotlib"):
+        console.print(f"no plots: they need matplotlib ({how_to_install('matplotlib')})", markup=False)
     return rows
 
 

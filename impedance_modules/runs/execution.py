@@ -18,8 +18,8 @@ from impedance_modules.control.signals import as_interrupt
 from impedance_modules.control.supervisor import Ending, Supervisor
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.episode.run_folder import PICTURE, RECORDING, recorded
-from impedance_modules.episode.run_picture import PICTURE_KINDS, write_picture
 from impedance_modules.errors import NotRecorded, SafetyStop
+from impedance_modules.extras import installed
 from impedance_modules.robot.state import RobotState
 from impedance_modules.runs.recorder import Recorder
 from impedance_modules.runs.run_summary import Summary
@@ -155,11 +155,15 @@ def carry_out(
 
 
 def draw_run(directory: Path) -> None:
-    """Draws the picture of a run whose episode is written.
+    """Draws the picture of a run whose episode is written; nothing where matplotlib is not installed.
 
     Raises:
         NotRecorded: It cannot be written.
     """
+    if not installed("matplotlib"):
+        return
+    from impedance_modules.episode.run_picture import PICTURE_KINDS, write_picture  # noqa: PLC0415 - an extra
+
     drawn = read_episode(directory, PICTURE_KINDS, most_samples=PICTURE_SAMPLES)
     with recorded(directory / PICTURE):
         write_picture(drawn, directory / PICTURE)

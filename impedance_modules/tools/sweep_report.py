@@ -6,14 +6,17 @@ from __future__ import annotations
 import csv
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from impedance_modules.arrays import Array
-from impedance_modules.plain_figures import plain_figure
+from impedance_modules.extras import installed
 from impedance_modules.tools.sweep_runs import SweepRow
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 
 class TableFile:
@@ -62,9 +65,12 @@ def spread(rows: Sequence[SweepRow]) -> dict[str, tuple[float, float, float, flo
 
 
 def draw(rows: Sequence[SweepRow], paths: Sequence[str], folder: Path) -> list[Path]:
-    """Draws every result over every varied number, one picture a number, and a map where two are varied."""
+    """Draws every result over every varied number, one picture a number, and a map where two are varied.
+
+    Nothing is drawn where matplotlib is not installed.
+    """
     ran = [row for row in rows if row.results]
-    if not ran:
+    if not ran or not installed("matplotlib"):
         return []
     names = [name for name in ran[0].results if len({row.results[name] for row in ran}) > 1]
     if not names:
@@ -76,6 +82,8 @@ def draw(rows: Sequence[SweepRow], paths: Sequence[str], folder: Path) -> list[P
 
 
 def _over(rows: Sequence[SweepRow], path: str, names: Sequence[str]) -> Figure:
+    from impedance_modules.plain_figures import plain_figure  # noqa: PLC0415 - an extra
+
     figure = plain_figure(figsize=(7.0, 1.9 * len(names)), layout="constrained")
     x = np.array([row.values[path] for row in rows])
     done = np.array([row.ending == "done" for row in rows])
@@ -100,6 +108,8 @@ def _middle(axes: Axes, x: Array, y: Array) -> None:
 
 
 def _map(rows: Sequence[SweepRow], paths: Sequence[str], names: Sequence[str]) -> Figure:
+    from impedance_modules.plain_figures import plain_figure  # noqa: PLC0415 - an extra
+
     figure = plain_figure(figsize=(6.0, 3.2 * len(names)), layout="constrained")
     x, y = (np.array([row.values[path] for row in rows]) for path in paths)
     for axes, name in zip(np.atleast_1d(figure.subplots(len(names), 1)), names, strict=True):

@@ -36,8 +36,10 @@ def locked(name: str) -> list[Requirement]:
 
 
 def wanted(name: str) -> list[Requirement]:
-    """What pyproject.toml asks for in a file."""
+    """What pyproject.toml asks for in a file; `make run` draws pictures and reads bags."""
     texts = [] if name == "audit" else list(PROJECT["project"]["dependencies"])
+    for extra in () if name == "audit" else ("plots", "bags"):
+        texts += PROJECT["project"]["optional-dependencies"][extra]
     for group in GROUPS[name]:
         texts += PROJECT["dependency-groups"][group]
     return [Requirement(text) for text in texts]

@@ -13,9 +13,9 @@ from tests.support.paths import CHECKOUT
 PACKAGE = CHECKOUT / "impedance_modules"
 
 ORDER = (
-    "errors", "input_files strict_json plain_figures compiled records machine_code", "spec", "robot", "effects modules",
-    "superposition export", "new_robot safety plant episode", "backends", "control", "prediction streaming", "runs",
-    "tools diagnosis", "cli",
+    "errors", "extras input_files strict_json plain_figures compiled records machine_code", "spec", "robot",
+    "effects modules", "superposition export", "new_robot safety plant episode", "backends", "control",
+    "prediction streaming", "runs", "tools diagnosis", "cli",
 )  # fmt: skip
 RANK = {name: rank for rank, names in enumerate(ORDER) for name in names.split()}
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from impedance_modules.episode.columns import TIME
-from impedance_modules.episode.imports.log_sources import kind_of
+from impedance_modules.episode.imports.log_sources import kind_of, need_bags
 from impedance_modules.episode.imports.maker_maps import (
     STATE,
     MakerMap,
@@ -73,11 +73,14 @@ def text_map(path: Path, urdf: Path | None) -> MakerMap:
     if (known := maker_map(path, header, urdf)) is not None:
         return known
     names = [name.strip() for name in header.split(",")]
+    if names[0] == TIME and urdf is not None and any(name.startswith("position.") for name in names):
+        return _named_map(path, names, urdf)
     robot = recognise(names) if names[0] == TIME else None
     if robot is None:
         raise BadInput(
             f"{path}: a table whose columns no map describes (valid: --map FILE, see docs/import.md; without one, a"
-            f" header 'time,JOINT,...' with the joints of a shipped robot, or one of libfranka or RTDE). It begins:"
+            f" header 'time,JOINT,...' with the joints of a shipped robot, 'time,position.JOINT,effort.JOINT,...' with"
+            " those of a description (--urdf), or one of libfranka or RTDE). It begins:"
             f" {header[:120]!r}"
         )
     joints = [joint for joint in robot.joints if joint in names]
@@ -86,6 +89,39 @@ def text_map(path: Path, urdf: Path | None) -> MakerMap:
     columns = {"position": "{joint}"}
     table = ["separator: comma", "header: true", f"time: {{column: {TIME}, unit: s}}"]
     return MakerMap(_map_text(robot, joints, table, columns, effort_source=None), (), tuple(notes))
+
+
+def _named_map(path: Path, names: Sequence[str], urdf: Path) -> MakerMap:
+    """Makes the map of a table whose columns are named as those of an episode, in SI units.
+
+    Raises:
+        BadInput: No position of any joint of the description.
+    """
+    facts = facts_of_urdf(urdf)
+    joints = [joint for joint in facts.joints if f"position.{joint}" in names]
+    if not joints:
+        raise BadInput(
+            f"{path}: no column 'position.JOINT' of a joint of {urdf} (valid: {list_names(list(facts.joints), 8)})"
+        )
+    quantities = []
+    for kind, (turning, sliding) in _UNITS.items():
+        columns = tuple(f"{kind}.{joint}" for joint in joints)
+        if set(columns) <= set(names):
+            units = json.dumps({joint: sliding if joint in facts.prismatic else turning for joint in joints})
+            quantities.append(MappedColumns(kind, columns, units))
+    commands = tuple(f"effort_command.{joint}" for joint in joints)
+    if set(commands) <= set(names):
+        units = json.dumps({joint: "N" if joint in facts.prismatic else "N.m" for joint in joints})
+        quantities.append(MappedColumns("effort_command", commands, units))
+    missing = ["'gravity_compensation': what held the arm's weight, robot, command or none"]
+    about = {"gravity_compensation": STATE}
+    if any(quantity.kind == "effort" for quantity in quantities):
+        about["effort_source"] = STATE
+        missing.append("'effort_source': was effort measured between gearbox and link, or at the motor?")
+    used = {TIME, *(column for quantity in quantities for column in quantity.columns)}
+    notes = tuple(f"not imported: {name}" for name in names if name not in used)
+    table = ["separator: comma", "header: true", f"time: {{column: {TIME}, unit: s}}"]
+    return MakerMap(map_text(urdf.stem, urdf, joints, about, table, quantities), tuple(missing), notes)
 
 
 def bag_map(path: Path, urdf: Path | None) -> MakerMap:
@@ -153,7 +189,8 @@ def _described_map(
 
 def _filled_fields(path: Path) -> tuple[dict[str, dict[str, set[str]]], set[str]]:
     """Returns topic -> field -> joints with finite values in the first messages, and topics without stamps."""
-    # The readers of bags take half a second to import: only when a bag is read.
+    # The readers of bags are an extra, and take half a second to import: only when a bag is read.
+    need_bags(path)
     from impedance_modules.episode.imports.bag_file import open_bag  # noqa: PLC0415
     from impedance_modules.episode.imports.bag_table import column_places, first_messages  # noqa: PLC0415
 

@@ -23,6 +23,7 @@ from impedance_modules.episode.imports.table import LogTable
 from impedance_modules.episode.imports.text_table import TextTable
 from impedance_modules.episode.run_folder import EPISODE, part_paths
 from impedance_modules.errors import BadFile, BadInput
+from impedance_modules.extras import need
 from impedance_modules.input_files import open_input
 
 EPISODE_MARK = "{episode}"
@@ -163,9 +164,16 @@ def source_name(path: Path) -> str:
     return whole.name if whole.is_dir() else whole.stem
 
 
+def need_bags(path: Path) -> None:
+    """Refuses a ROS recording where its readers are not installed."""
+    for package in ("rosbags", "apsw", "lz4"):
+        need(package, f"{path}: a ROS recording")
+
+
 def _open(kind: str, path: Path, table: TableMap, scratch: Path) -> LogTable:
     if kind == "bag":
-        # The readers of bags take half a second to import: only when a bag is read.
+        # The readers of bags are an extra, and take half a second to import: only when a bag is read.
+        need_bags(path)
         from impedance_modules.episode.imports.bag_table import BagTable  # noqa: PLC0415
 
         return BagTable(path, table, scratch)
