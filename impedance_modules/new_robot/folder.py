@@ -26,13 +26,14 @@ from impedance_modules.new_robot.drive_numbers import DriveNumbers, drive_number
 from impedance_modules.new_robot.first_postures import NamedPosture, first_postures
 from impedance_modules.new_robot.robot_text import RobotText, robot_yaml
 from impedance_modules.new_robot.source_description import SourceDescription, read_description
-from impedance_modules.robot.description_facts import largest_weight_torques, mirror_signs
+from impedance_modules.robot.description_facts import ArmFrame, largest_weight_torques, mirror_signs
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.robot.near_pairs import neighbours
 from impedance_modules.spec.locate import ROBOT_FILE
 from impedance_modules.spec.robot_reader import read_robot
 
-UPRIGHT: Base = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+SHOULDERS = 0.002
+"""By how much the shoulders of mirrored arms may differ [m]."""
 
 
 @dataclass(frozen=True)
@@ -192,7 +193,7 @@ def _completed(text: RobotText, folder: Path) -> RobotText:
         if not any(limb in posture.limbs for posture in found):
             notes.append(f"no posture with the hand of '{limb}' in front was found: name one under postures")
     kept = replace(
-        text,
+        _own_mirror(text, model),
         pairs=[pair for pair in text.pairs if pair not in near],
         notes=tuple(notes),
         postures=(*text.postures, *found),
@@ -267,15 +268,35 @@ def _stand_mirrored(bases: Mapping[str, Base]) -> bool:
 def _signs(
     description: SourceDescription, chain: Chain, folder: Path
 ) -> tuple[Mapping[str, int], Mapping[str, float]] | None:
-    found = mirror_signs(_one_arm(description, folder), chain.hand, tuple(chain.joints.values()))
+    """Joint signs and offsets by short name, by which a copy of the arm is its image."""
+    arm = ArmFrame(chain.hand, tuple(chain.joints.values()))
+    return _by_short_name(tuple(chain.joints), mirror_signs(_one_arm(description, folder), arm))
+
+
+def _by_short_name(
+    names: Sequence[str], found: tuple[tuple[int, ...], float] | None
+) -> tuple[Mapping[str, int], Mapping[str, float]] | None:
     if found is None:
         return None
-    signs, offsets = found
-    short = {name: key for key, name in chain.joints.items()}
-    return (
-        {short[name]: sign for name, sign in signs.items()},
-        {short[name]: offset for name, offset in offsets.items()},
-    )
+    signs, offset = found
+    return dict(zip(names, signs, strict=True)), {names[-1]: offset} if offset else {}
+
+
+def _own_mirror(text: RobotText, model: RobotModel) -> RobotText:
+    """Two arms of one description are mirrored if joint signs say so, or at least their shoulders."""
+    if text.mirrored or len(text.arms) != 2:
+        return text
+    (_, first), (_, second) = text.arms
+    if tuple(first.joints) != tuple(second.joints):
+        return text
+    arms = [
+        ArmFrame(naming(chain.hand), tuple(naming(joint) for joint in chain.joints.values()))
+        for naming, chain in text.arms
+    ]
+    found = _by_short_name(tuple(first.joints), mirror_signs(model.spec.urdf, *arms))
+    (x, y, z), other = (model.joint_place(arm.joints[0]) for arm in arms)
+    opposite = abs(y) > SHOULDERS and max(abs(other - (x, -y, z))) < SHOULDERS
+    return replace(text, mirror=found, mirrored=True) if found is not None or opposite else text
 
 
 def _named_postures(

@@ -49,7 +49,7 @@ class RobotText:
         numbers: Of the joints, as the description names them.
         held: Joint, as the folder's URDF names it -> where it stays.
         mirror: Short name -> sign, and short name -> offset [rad]; None where no signs are known.
-        mirrored: Whether the arms stand as mirror images of each other.
+        mirrored: Whether the arms are, or stand as, mirror images of each other.
         pairs: Links that are kept apart.
         postures: Each with its source.
         gravity: What carries the weight, and whether somebody said so.
@@ -190,7 +190,7 @@ def _by_short_name(robot: RobotText, values: Mapping[str, Value]) -> dict[str, V
 def _mirror(robot: RobotText) -> str:
     if not robot.mirrored:
         return ""
-    lines = ["mirror: # the bases stand as mirror images of each other", "  plane: xz"]
+    lines = ["mirror: # the arms are mirror images of each other in this plane", "  plane: xz"]
     if robot.mirror is None:
         lines.append(
             "  # No joint signs make one of these arms the image of the other: tasks mirror poses and springs only."

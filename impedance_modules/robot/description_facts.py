@@ -13,6 +13,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -61,43 +62,60 @@ def _bounded(model: pin.Model, random: np.random.Generator) -> pin.Model:
     return model
 
 
+@dataclass(frozen=True)
+class ArmFrame:
+    """One arm of a description.
+
+    Attributes:
+        hand: Link of its hand.
+        joints: From the base outwards.
+    """
+
+    hand: str
+    joints: Sequence[str]
+
+
 def mirror_signs(
-    urdf: Path, hand: str, joints: Sequence[str]
-) -> tuple[dict[str, int], dict[str, float]] | None:
-    """Finds the joint signs, and the offset of the last joint, that make a second arm the mirror image in xz.
+    urdf: Path, arm: ArmFrame, other: ArmFrame | None = None
+) -> tuple[tuple[int, ...], float] | None:
+    """Finds the joint signs, and the offset of the last joint, that make an arm the mirror image of one in xz.
 
     Args:
-        urdf: One arm.
-        hand: Link of its hand.
-        joints: Of the arm, from the base outwards.
+        urdf: The description.
+        arm: The one whose image is sought.
+        other: The other arm, in the same axes; None for a copy of the first one in its own.
 
     Returns:
-        Joint -> sign, and joint -> offset [rad] where it is not 0; None if there are none, or too many joints to try.
+        Signs from the base outwards, and the offset [rad]; None if there are none, or too many joints to try.
     """
-    if len(joints) > MOST_SIGNS:
+    other = arm if other is None else other
+    count = len(arm.joints)
+    if count > MOST_SIGNS or len(other.joints) != count:
         return None
-    model = rigid_model(urdf)
-    places = [model.joints[model.getJointId(name)].idx_q for name in joints]
-    frame = model.getFrameId(hand, pin.FrameType.BODY)
-    random = np.random.default_rng(1)
-    postures = [random.uniform(-1.0, 1.0, len(joints)) for _ in range(3)]
-    images = [_mirrored(*_hand(model, frame, places, q)) for q in postures]
-    for signs in itertools.product((1, -1), repeat=len(joints)):
+    model, random = rigid_model(urdf), np.random.default_rng(1)
+    data = model.createData()
+    postures = [random.uniform(-1.0, 1.0, count) for _ in range(3)]
+    images = [_mirrored(*_hand((model, data), arm, q)) for q in postures]
+    for signs in itertools.product((1, -1), repeat=count):
         for offset in QUARTER_TURNS:
-            last = np.zeros(len(joints))
+            last = np.zeros(count)
             last[-1] = offset
-            tried = (_hand(model, frame, places, np.array(signs) * q + last) for q in postures)
+            tried = (_hand((model, data), other, np.array(signs) * q + last) for q in postures)
             if all(_same(found, image) for found, image in zip(tried, images, strict=True)):
-                offsets = {joints[-1]: offset} if offset else {}
-                return dict(zip(joints, signs, strict=True)), offsets
+                return signs, offset
     return None
 
 
-def _hand(model: pin.Model, frame: int, places: Sequence[int], q: Array) -> tuple[Array, Array]:
-    """Rotation and place of a frame; joints of no arm at 0."""
-    data, whole = model.createData(), pin.neutral(model)
-    whole[list(places)] = q
+def _hand(of: tuple[pin.Model, pin.Data], arm: ArmFrame, q: Array) -> tuple[Array, Array]:
+    """Rotation and place of an arm's hand; joints of no arm at 0."""
+    model, data = of
+    whole = pin.neutral(model)
+    for name, angle in zip(arm.joints, q, strict=True):
+        joint = model.joints[model.getJointId(name)]
+        turns = joint.nq == 2  # a joint without limits: cosine and sine
+        whole[joint.idx_q : joint.idx_q + joint.nq] = (math.cos(angle), math.sin(angle)) if turns else angle
     pin.forwardKinematics(model, data, whole)
+    frame = model.getFrameId(arm.hand, pin.FrameType.BODY)
     placement = pin.updateFramePlacement(model, data, frame)
     return placement.rotation.copy(), placement.translation.copy()
 

@@ -297,9 +297,12 @@ def test_a_folder_with_meshes_is_whole(tmp_path: Path) -> None:
 
 
 def test_the_pair_of_the_tests_can_be_made_anew(tmp_path: Path) -> None:
+    """Its arms are joint by joint mirror images, which is found from the description alone."""
     spec = read_robot(SIX_JOINT_PAIR)
     hands = [f"--hand={name}={limb.hand}" for name, limb in spec.limbs.items()]
     made = read_robot(new(tmp_path, "anew", spec.urdf, *hands))
-    assert {name: set(limb.joints.values()) for name, limb in made.limbs.items()} == {
-        name: set(limb.joints.values()) for name, limb in spec.limbs.items()
-    }
+    assert spec.mirror is not None and made.mirror is not None
+    for name, limb in spec.limbs.items():
+        assert tuple(made.limbs[name].joints.values()) == tuple(limb.joints.values())
+    assert tuple(made.mirror.joint_sign.values()) == tuple(spec.mirror.joint_sign.values())
+    assert made.mirror.plane == spec.mirror.plane and not made.mirror.joint_offset
