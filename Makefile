@@ -11,7 +11,7 @@ run: $(VENV)/run.stamp
 	$(BIN)/impedance run $(TASK) --out "$(OUT)"
 
 # Whatever runs in real time runs alone, after the rest. 5: PYTEST_ARGS left one of the two nothing to do.
-test: $(VENV)/develop.stamp
+test: $(VENV)/develop.stamp $(VENV)/ros2.stamp
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 -m "not ros and not realtime" $(PYTEST_ARGS) || [ $$? = 5 ]
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -m "ros or realtime" $(PYTEST_ARGS) || [ $$? = 5 ]
 
@@ -53,6 +53,12 @@ $(VENV)/develop.stamp: requirements/develop.txt $(VENV)/run.stamp
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/develop.txt
 	@touch $@
 
+# ROS 2's wheels set library paths for every program of their environment, so they have one of their own.
+$(VENV)/ros2.stamp: requirements/ros2.txt $(VENV)/run.stamp
+	$(PYTHON) -m venv $(VENV)/ros2
+	$(VENV)/ros2/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/ros2.txt
+	@touch $@
+
 $(VENV)/docs.stamp: requirements/docs.txt $(VENV)/run.stamp
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/docs.txt
 	@touch $@
@@ -63,6 +69,7 @@ lock:
 	uv pip compile pyproject.toml --extra plots --extra bags --group build --group test --group lint --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --no-annotate -q --upgrade -o requirements/develop.txt
 	uv pip compile pyproject.toml --extra plots --extra bags --group benchmark --constraint requirements/develop.txt --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --no-annotate -q --upgrade -o requirements/benchmark.txt
 	uv pip compile pyproject.toml --extra plots --extra bags --group docs --constraint requirements/develop.txt --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --no-annotate -q --upgrade -o requirements/docs.txt
+	uv pip compile --group ros2 --constraint requirements/develop.txt --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --no-annotate -q --upgrade -o requirements/ros2.txt
 	uv pip compile --group audit --constraint requirements/develop.txt --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --no-annotate -q --upgrade -o requirements/audit.txt
 
 clean:

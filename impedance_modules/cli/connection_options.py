@@ -13,10 +13,10 @@ import click
 from impedance_modules.errors import BadInput
 
 if TYPE_CHECKING:
-    from impedance_modules.spec.connection_file import ConnectionSpec, FrankaConnection
+    from impedance_modules.spec.connection_file import ConnectionSpec, FrankaConnection, Ros2Connection
     from impedance_modules.spec.robot_spec import RobotSpec
 
-CONNECTED = ("franka",)
+CONNECTED = ("franka", "ros2")
 """Backends that are reached by a connection file."""
 
 
@@ -93,6 +93,21 @@ class Reached:
         addresses = {} if part is None else dict(part.addresses)
         addresses.update(self._given(tuple(robot.limbs)))
         return FrankaConnection(addresses) if part is None else replace(part, addresses=addresses)
+
+    def of_ros2(self) -> Ros2Connection:
+        """How a robot on ROS 2 is reached.
+
+        Raises:
+            BadInput, BadFile: No connection file, or one that cannot be read or has no part for it.
+        """
+        spec = self._read()
+        if spec is None or spec.ros2 is None:
+            raise BadInput(
+                f"--backend ros2: {'no connection file' if spec is None else f'{self.connection} has no part ros2'}, so"
+                " neither topics nor who carries the arm's weight are known (valid: --connection FILE with ros2:"
+                " {gravity: ..., controllers: ...}, docs/ros2.md)"
+            )
+        return spec.ros2
 
     def _read(self) -> ConnectionSpec | None:
         from impedance_modules.spec.connection_file import read_connection

@@ -35,8 +35,8 @@ if TYPE_CHECKING:
     from impedance_modules.control.set_point_source import SetPointSource
     from impedance_modules.runs.execution import RunResult
 
-BACKENDS = ("sim", "mujoco", "replay", "baxter", "franka")
-REAL = ("baxter", "franka")
+BACKENDS = ("sim", "mujoco", "replay", "baxter", "franka", "ros2")
+REAL = ("baxter", "franka", "ros2")
 """Backends of robots in real time."""
 
 
@@ -128,6 +128,8 @@ def run_command(
         )
     reached = Reached(connection, address, recover)
     reached.refuse_unused(backend)
+    if approach and backend == "ros2":
+        raise BadInput("--approach: an effort controller knows no positions (valid: baxter, franka)")
     console = Terminal()
     with ExitStack() as closing:
         found = closing.enter_context(_real_robot(transport)) if backend == "baxter" else None
@@ -344,6 +346,10 @@ def _robot(assembly: Assembly, found: DeferredSession | None, asked: RunRequest)
             asked.read_only,
             asked.approach,
         )
+    if asked.backend == "ros2":
+        from impedance_modules.runs.arm_backends import ros2_backend
+
+        return ros2_backend(assembly, asked.reached.of_ros2(), asked.read_only)
     return make_backend(assembly, backend=asked.backend, log=asked.log, seed=asked.seed, mjcf=asked.mjcf)
 
 

@@ -91,6 +91,7 @@ class Ros2Connection:
         joint_states: Topic of the states.
         reliable: Whether states are subscribed to as reliable; a best-effort publisher is then not heard.
         names: Joint of the robot file -> name on the topic, where they differ.
+        python: Path of the Python that has rclpy; empty for the run's own.
         watch: Of the communication.
     """
 
@@ -99,6 +100,7 @@ class Ros2Connection:
     joint_states: str = "/joint_states"
     reliable: bool = False
     names: Mapping[str, str] = field(default_factory=dict)
+    python: str = ""
     watch: Ros2Watch = Ros2Watch()
 
 
@@ -151,5 +153,6 @@ def _ros2(data: Mapping[str, Any]) -> Ros2Connection:
         joint_states=data.get("joint_states", "/joint_states"),
         reliable=data.get("reliability", "best_effort") == "reliable",
         names=dict(data.get("names", {})),
+        python=data.get("python", ""),
         watch=Ros2Watch(**watch),
     )

@@ -19,8 +19,12 @@ GROUPS = {
     "benchmark": ("benchmark",),
     "docs": ("docs",),
     "audit": ("audit",),
+    "ros2": ("ros2",),
 }
-"""File -> dependency groups that it installs; all but ``audit`` install what the package itself needs as well."""
+"""File -> dependency groups that it installs; all but ``ALONE`` install what the package itself needs as well."""
+
+ALONE = ("audit", "ros2")
+"""Files of environments without the package."""
 
 HASH = re.compile(r"--hash=sha256:[0-9a-f]{64}")
 
@@ -37,8 +41,8 @@ def locked(name: str) -> list[Requirement]:
 
 def wanted(name: str) -> list[Requirement]:
     """What pyproject.toml asks for in a file; `make run` draws pictures and reads bags."""
-    texts = [] if name == "audit" else list(PROJECT["project"]["dependencies"])
-    for extra in () if name == "audit" else ("plots", "bags"):
+    texts = [] if name in ALONE else list(PROJECT["project"]["dependencies"])
+    for extra in () if name in ALONE else ("plots", "bags"):
         texts += PROJECT["project"]["optional-dependencies"][extra]
     for group in GROUPS[name]:
         texts += PROJECT["dependency-groups"][group]
