@@ -4,10 +4,7 @@
 from __future__ import annotations
 
 import json
-from contextlib import contextmanager
 from pathlib import Path
-from statistics import fmean
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -17,22 +14,18 @@ from impedance_modules.cli.next_commands import Asked, next_commands
 from impedance_modules.cli.plain_lines import say
 from impedance_modules.cli.shared_options import held_positions
 from impedance_modules.cli.terminal import Terminal, styled
-from impedance_modules.cli.text_logs import GRAVITIES, SOURCES, Stated, as_episodes
 from impedance_modules.diagnosis.result import DEFAULT_TOLERANCE
+from impedance_modules.diagnosis.text_logs import GRAVITIES, SOURCES, Stated
 from impedance_modules.errors import BadInput
 from impedance_modules.extras import need
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
 
     from rich.console import Console
     from rich.table import Table
 
-    from impedance_modules.diagnosis.data.model_file import ComparedModel
-    from impedance_modules.diagnosis.data.nominal_model import NominalModel
     from impedance_modules.diagnosis.result import Cause, Diagnosis, JointGap, Rollout
-    from impedance_modules.episode.data import Episode
-    from impedance_modules.spec.patch_file import EffectSpec
 
 PATH = click.Path(path_type=Path)
 
@@ -49,6 +42,13 @@ PATH = click.Path(path_type=Path)
     multiple=True,
     metavar="JOINT=POSITION",
     help="With --urdf: where a joint stood that was not recorded [rad, or m if it slides].",
+)
+@click.option(
+    "--map",
+    "import_map",
+    type=PATH,
+    metavar="FILE",
+    help="What the columns of a LOG mean that is no episode.",
 )
 @click.option("--effects", type=PATH, metavar="PATCH", help="Start from the model with this patch applied.")
 @click.option("--without", multiple=True, metavar="EFFECT", help="Leave an effect out of the catalogue.")
@@ -83,6 +83,7 @@ def diagnose_command(
     robot: str | None,
     urdf: Path | None,
     hold: tuple[str, ...],
+    import_map: Path | None,
     effects: Path | None,
     without: tuple[str, ...],
     under_water: bool,
@@ -97,53 +98,41 @@ def diagnose_command(
     """Compare LOG..., recordings of one robot, with the model that was to predict them.
 
     A LOG is an episode, a run's directory, a folder of episodes as import makes it, or a text log: of libfranka, of
-    RTDE, or a table with the columns time, position.JOINT, velocity.JOINT, effort.JOINT in SI units.
+    RTDE, or a table with the columns time, position.JOINT, velocity.JOINT, effort.JOINT in SI units. With --map, it
+    may be any file that import reads.
 
     Exit: 0 no gap or explained, 2 bad input, 5 partly or not explained, 6 ambiguous, 7 data insufficient.
     """
-    from impedance_modules.diagnosis.data.log import InsufficientData
-    from impedance_modules.diagnosis.data.long_recordings import read_recordings
-    from impedance_modules.diagnosis.diagnose import diagnose, insufficient
-    from impedance_modules.episode.run_folder import episode_paths
+    from impedance_modules.diagnosis.compared_recordings import diagnosed
 
     if report is not None:
         need("matplotlib", "--report")
-    if (robot is None) == (urdf is None):
-        raise BadInput("diagnose needs the model to compare: give --robot NAME or --urdf FILE, one of them")
-    _refuse_unknown(without)
-    chosen = (("--holdout", holdout), ("--hold", hold), ("--without", without), ("--effects", (effects,)))
+    chosen = (
+        ("--holdout", holdout),
+        ("--hold", hold),
+        ("--without", without),
+        ("--effects", (effects,)),
+        ("--map", (import_map,)),
+    )
     options = [str(word) for key, values in chosen for value in values if value for word in (key, value)]
     asked = Asked(logs, robot, urdf, tuple(options), json_path)
-    stated = Stated(effort_source, gravity_compensation)
-    with TemporaryDirectory() as folder:
-
-        def ready(paths: tuple[Path, ...]) -> tuple[Path, ...]:
-            text_read = as_episodes(paths, lambda: _description(robot, urdf), stated, Path(folder))
-            return episode_paths(text_read)
-
-        logs, holdout = ready(logs), ready(holdout)
-        read = read_recordings([*logs, *holdout])
-    episodes = [episode for found in read for episode in found]
-    tested = [episode for found in read[len(logs) :] for episode in found]
     console = Terminal()
-    with _compared(robot, urdf, hold, episodes) as compared:
-        model = compared.model
-        known = (*compared.known_effects, *_applied(effects, model))
-        try:
-            with console.status("diagnosing") as status:
-                found = diagnose(
-                    episodes,
-                    model,
-                    compared.urdf,
-                    heldout=[episode.name for episode in tested],
-                    without=without,
-                    under_water=under_water,
-                    tolerance=tolerance,
-                    known_effects=known,
-                    progress=lambda words: status.update(Text(words)),
-                )
-        except InsufficientData as error:
-            found = insufficient(model.robot, [episode.name for episode in episodes], str(error))
+    with console.status("diagnosing") as status:
+        found = diagnosed(
+            logs,
+            holdout,
+            robot=robot,
+            urdf=urdf,
+            hold=held_positions(hold),
+            import_map=import_map,
+            stated=Stated(effort_source, gravity_compensation),
+            effects=effects,
+            without=without,
+            under_water=under_water,
+            tolerance=tolerance,
+            progress=lambda words: status.update(Text(words)),
+            note=lambda words: say(f"note: {words}", err=True),
+        )
     commands = next_commands(asked, found.next_motion)
     _write(found, json_path, report, patch, commands)
     _write_recording(found, recording)
@@ -151,59 +140,6 @@ def diagnose_command(
     for command in commands:
         console.print(styled("  {}", command), soft_wrap=True)
     return found.exit_code
-
-
-def _description(robot: str | None, urdf: Path | None) -> Path:
-    """Gives the description that names the joints of text logs."""
-    from impedance_modules.spec.robot_reader import read_robot
-
-    return urdf if urdf is not None else read_robot(str(robot)).urdf
-
-
-def _refuse_unknown(without: tuple[str, ...]) -> None:
-    from impedance_modules.effects.catalogue import CATALOGUE
-    from impedance_modules.errors import nearest
-
-    for name in without:
-        if name not in CATALOGUE:
-            raise BadInput(
-                f"--without {name}: no such effect{nearest(name, tuple(CATALOGUE))} (valid: {', '.join(CATALOGUE)})"
-            )
-
-
-@contextmanager
-def _compared(
-    robot: str | None, urdf: Path | None, hold: Sequence[str], episodes: Sequence[Episode]
-) -> Iterator[ComparedModel]:
-    """Builds the model of the recorded joints."""
-    from impedance_modules.diagnosis.data.model_file import ComparedModel, compared_model
-    from impedance_modules.diagnosis.data.nominal_model import model_of_spec
-    from impedance_modules.spec.robot_reader import read_robot
-
-    joints = [joint for joint in episodes[0].joints if all(joint in episode.position for episode in episodes)]
-    if not joints:
-        raise BadInput("the recordings have no joint in common (valid: recordings of one robot)")
-    if urdf is not None:
-        mean = {joint: fmean(float(e.position[joint].mean()) for e in episodes) for joint in joints}
-        with compared_model(urdf, mean, held_positions(hold)) as compared:
-            yield compared
-        return
-    if hold:
-        raise BadInput("--hold goes with --urdf (valid: 'locked' in the robot's own file)")
-    spec = read_robot(str(robot))
-    yield ComparedModel(model_of_spec(spec, joints), spec.urdf, ())
-
-
-def _applied(effects: Path | None, model: NominalModel) -> tuple[EffectSpec, ...]:
-    """Reads the patch that is applied to the model before the diagnosis."""
-    from impedance_modules.spec.patch_file import read_patch
-
-    if effects is None:
-        return ()
-    patch = read_patch(effects)
-    if patch.robot != model.robot:
-        raise BadInput(f"{effects}: the patch is for robot '{patch.robot}', the model is '{model.robot}'")
-    return patch.effects
 
 
 def _write(

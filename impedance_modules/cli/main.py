@@ -15,6 +15,7 @@ import click
 import impedance_modules
 from impedance_modules.cli.plain_lines import say, say_error
 from impedance_modules.errors import ImpedanceError
+from impedance_modules.installed import EFFECTS, installed
 
 VERBS = {
     "check": "prediction_verbs",
@@ -66,6 +67,10 @@ def main() -> None:
     """Runs the command line and ends with the documented exit codes; errors go to stderr, one per line."""
     use_one_thread()
     try:
+        if installed(EFFECTS):
+            from impedance_modules.effects.catalogue import add_installed_effects
+
+            add_installed_effects()
         code = impedance.main(standalone_mode=False)
     except ImpedanceError as error:
         say_error(error)

@@ -40,11 +40,32 @@ REAL = ("baxter", "franka", "ros2")
 """Backends of robots in real time."""
 
 
+class _BackendName(click.ParamType[str, str]):
+    """A backend of this package or of another one that is installed."""
+
+    name = "|".join(BACKENDS)
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Refuses a name that no package has."""
+        from impedance_modules.installed import BACKENDS as GROUP
+        from impedance_modules.installed import installed
+
+        if value not in BACKENDS and value not in (more := installed(GROUP)):
+            self.fail(f"'{value}' is no backend (valid: {', '.join([*BACKENDS, *more])})", param, ctx)
+        return value
+
+
 @click.command("run")
 @task_argument
 @arm_option
 @robot_option
-@click.option("--backend", type=click.Choice(BACKENDS), default="sim", show_default=True, help="Robot.")
+@click.option(
+    "--backend",
+    type=_BackendName(),
+    default="sim",
+    show_default=True,
+    help="Robot; other installed packages may add more.",
+)
 @click.option(
     "--log",
     type=click.Path(path_type=Path),

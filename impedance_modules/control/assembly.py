@@ -16,6 +16,7 @@ from impedance_modules.effects.apply import apply_patch, apply_to_surfaces
 from impedance_modules.effects.compensate import PatchCompensation, compensate_patch
 from impedance_modules.errors import BadInput
 from impedance_modules.modules.arms import TaskModules, build_modules
+from impedance_modules.modules.own_module import OwnModule
 from impedance_modules.robot.distances import Distances
 from impedance_modules.robot.hand_postures import with_joint_angles
 from impedance_modules.robot.kinematics import Kinematics
@@ -53,6 +54,7 @@ class Assembly:
         arm: The only arm that takes part, or None for all.
         tank: Constants of the energy ledger.
         limits: Constants of the filter.
+        own: Modules that somebody wrote in Python; predictions do not know them.
         allow_unstable: Whether it may run although a loop is predicted to be unstable: simulated experiments.
     """
 
@@ -69,6 +71,7 @@ class Assembly:
     limits: FilterLimits
     brake: BrakeGains
     compensation: PatchCompensation | None = None
+    own: tuple[OwnModule, ...] = ()
     allow_unstable: bool = False
 
     @property

@@ -20,8 +20,8 @@ from impedance_modules.backends.protocol import FirstState
 from impedance_modules.compiled import want_machine_code
 from impedance_modules.control import cycle as laws
 from impedance_modules.control.assembly import Assembly, make_distances
-from impedance_modules.control.compensator import Compensator, compensator_of
-from impedance_modules.control.cycle import FINE, STATE_NOT_FINITE, UNSOLVED, Cycle
+from impedance_modules.control.cycle import EFFORT_NOT_FINITE, FINE, STATE_NOT_FINITE, UNSOLVED
+from impedance_modules.control.cycle_memory import make_cycle, state_at_rest, task_compensator
 from impedance_modules.control.equilibrium_following import (
     Following,
     follow_set_points,
@@ -39,18 +39,18 @@ from impedance_modules.modules.equilibrium import (
     phase_motion,
     start_equilibrium,
 )
-from impedance_modules.modules.motor_velocity import begin_at, motor_velocity
-from impedance_modules.modules.sum import lay_out, module_names, potential_energy
-from impedance_modules.robot.distances import Distances
+from impedance_modules.modules.motor_velocity import begin_at
+from impedance_modules.modules.own_module import evaluate
+from impedance_modules.modules.sum import module_names, potential_energy
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.state import RobotState
-from impedance_modules.safety.active_set import CERTIFIED, INSIDE, UNDECIDED, make_active_set
-from impedance_modules.safety.brake import apply_brake, make_brake
-from impedance_modules.safety.expected_motion import begin_steady, expected_motion
-from impedance_modules.safety.filter_problem import FilterLayout, FilterState, make_problem
-from impedance_modules.safety.overspeed import forget_travel, travel_watch
+from impedance_modules.safety.active_set import CERTIFIED, INSIDE, UNDECIDED
+from impedance_modules.safety.brake import apply_brake
+from impedance_modules.safety.expected_motion import begin_steady
+from impedance_modules.safety.filter_problem import FilterLayout
+from impedance_modules.safety.overspeed import forget_travel
 from impedance_modules.safety.solvers import FilterSolution, make_solver
-from impedance_modules.safety.tank import Tank, fill, make_tank, measure, missed, release_springs
+from impedance_modules.safety.tank import Tank, fill, measure, missed, release_springs
 from impedance_modules.spec.task import PhaseSpec
 
 EXACT_SOLVER = "daqp"
@@ -84,9 +84,9 @@ class Controller:
         self.distances = make_distances(assembly, self.kinematics)
         self.layout = FilterLayout(model.joint_names, tuple(f"{first}-{second}" for first, second in pairs))
         self.solver = make_solver(assembly.robot.solver)
-        self.module_names = module_names(modules, compensated=assembly.compensation is not None)
-        self._compensator = _compensator(assembly)
-        self.cycle = _make_cycle(assembly, self.layout, self.kinematics, self.distances, self._compensator)
+        self.module_names = module_names(modules, assembly.own, compensated=assembly.compensation is not None)
+        self._compensator = task_compensator(assembly)
+        self.cycle = make_cycle(assembly, self.layout, self.kinematics, self.distances, self._compensator)
         self._points: SetPoints
         self.following: Following = following_nothing()
         self._solution: FilterSolution | None = None
@@ -160,6 +160,10 @@ class Controller:
         if self._compensator is not None:
             self._compensator.forget()
             self._compensator.update(state.position)
+        if not self._evaluate_own(state):
+            raise SafetyStop(
+                "a module of one's own gives no torque at the robot's first state; nothing was sent"
+            )
         begin_at(cycle.motor, state.velocity, state.effort)
         begin_steady(cycle.expected, state.velocity, state.effort, first.acting)
         forget_travel(cycle.travel)
@@ -188,7 +192,8 @@ class Controller:
         """Computes the torque for a state; ``effort`` holds it. Returns 0, or why there is none.
 
         Returns:
-            0, STATE_NOT_FINITE, or EFFORT_NOT_FINITE. ``solved`` tells whether the filter found one.
+            0, STATE_NOT_FINITE, or EFFORT_NOT_FINITE, also where a module of one's own gives no torque. ``solved``
+            tells whether the filter found one.
         """
         cycle = self.cycle
         self._position = state.position
@@ -199,11 +204,20 @@ class Controller:
         if self._compensator is not None:
             self._compensator.update(state.position)
         self._solution = None
+        if not self._evaluate_own(state):
+            return EFFORT_NOT_FINITE
         exact = self.solver.name == EXACT_SOLVER
         status = laws.tick(cycle, self._points, state.position, state.velocity, state.effort, exact)
         if status != STATE_NOT_FINITE:
             self._booked = state
         return self._ask_solver() if status == UNSOLVED else int(status)
+
+    def _evaluate_own(self, state: RobotState) -> bool:
+        """Asks the modules that somebody wrote in Python; returns whether their torques can be used."""
+        own = self.assembly.own
+        return not own or evaluate(
+            own, self.cycle.modules.own, state.position, state.velocity, self.kinematics
+        )
 
     def _ask_solver(self) -> int:
         """Lets the robot's solver have the problem that the cycle left; returns a status."""
@@ -349,81 +363,3 @@ class WarmUp:
         """Computes the torque of the first cycle once more, on the memory as it was then."""
         self._twin.cycle.restore(self._before)
         self._twin.tick(self._first.state)
-
-
-def state_at_rest(assembly: Assembly) -> FirstState:
-    """A robot at rest at the task's start posture, on which nothing acts."""
-    n = assembly.model.n
-    parts = assembly.modules.posture.copy(), np.zeros(n), np.zeros(n)
-    # As a robot's states are: machine code for arrays that may be written is other machine code.
-    for part in parts:
-        part.flags.writeable = False
-    return FirstState(RobotState(0.0, *parts), np.zeros(n))
-
-
-def _compensator(assembly: Assembly) -> Compensator | None:
-    if assembly.compensation is None:
-        return None
-    return compensator_of(assembly.compensation, assembly.modules, assembly.period)
-
-
-def _make_cycle(
-    assembly: Assembly,
-    layout: FilterLayout,
-    kinematics: Kinematics,
-    distances: Distances,
-    compensator: Compensator | None,
-) -> Cycle:
-    """Takes the memory of a task's cycles once."""
-    n, arms = layout.n, kinematics.arms
-    motor = motor_velocity(assembly.tank.compliance, assembly.period, assembly.robot.sensors.velocity_filter)
-    previous = np.zeros(n)
-    expected = expected_motion(
-        compliance=assembly.tank.compliance,
-        reflected_inertia=assembly.limits.reflected_inertia,
-        motor_damping=assembly.model.motor_damping,
-        arms=(arms.inverse_inertia, arms.bias, arms.weight),
-        slow=motor.rate,
-        period=assembly.period,
-        lag=assembly.robot.sensors.velocity_filter,
-        delay=assembly.tank.delay,
-    )
-    state = FilterState(
-        q=expected.position,
-        v=expected.velocity,
-        link_velocity=expected.link_velocity,
-        push=expected.push,
-        swing=expected.swing,
-        load=expected.load,
-        motor_velocity=motor.velocity,
-        inverse_inertia=arms.inverse_inertia,
-        bias=arms.bias,
-        jacobian=arms.jacobian[: len(assembly.modules.arms)],
-        previous=previous,
-        distance=distances.distance,
-        gradient=distances.gradient,
-        drift=distances.drift,
-    )
-    return Cycle(
-        arms=arms,
-        motor=motor,
-        expected=expected,
-        travel=travel_watch(
-            assembly.period, assembly.tank.speed_bound, assembly.tank.compliance, assembly.tank.sensing_error
-        ),
-        modules=lay_out(
-            assembly.modules,
-            n,
-            None if compensator is None else compensator.record,
-            period=assembly.period,
-        ),
-        tank=make_tank(assembly.tank),
-        brake=make_brake(assembly.brake, assembly.period, assembly.limits.effort_max),
-        limits=assembly.limits,
-        state=state,
-        problem=make_problem(layout, assembly.limits.effort_max, arms.coupled, arms.moved_by),
-        active=make_active_set(n, layout.m),
-        effort=np.zeros(n),
-        previous=previous,
-        too_fast=n,
-    )

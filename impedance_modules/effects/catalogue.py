@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from impedance_modules.effects import (
     bodies,
     drive_effects,
@@ -18,6 +16,9 @@ from impedance_modules.effects import (
     water,
 )
 from impedance_modules.effects.effect import Effect
+from impedance_modules.errors import BadInput
+from impedance_modules.installed import EFFECTS, installed, loaded
+from impedance_modules.spec.schema import allow_effect
 
 _EFFECTS: tuple[Effect, ...] = (
     joint_friction.CoulombFriction(),
@@ -57,8 +58,38 @@ _EFFECTS: tuple[Effect, ...] = (
     springs.BenchSpring(),
 )
 
-CATALOGUE: Mapping[str, Effect] = {effect.id: effect for effect in _EFFECTS}
-"""Effect id -> effect, in the order in which they are tried and printed."""
+
+CATALOGUE: dict[str, Effect] = {effect.id: effect for effect in _EFFECTS}
+"""Effect id -> effect, in the order in which they are tried and printed; those of other packages come last."""
+
+
+def add_effect(effect: Effect) -> None:
+    """Adds an effect of somebody else's to the catalogue: to be applied, searched for and printed like the others.
+
+    Raises:
+        BadInput: It is no effect, or its id is taken.
+    """
+    if not isinstance(effect, Effect) or effect.id in CATALOGUE:
+        raise BadInput(f"{effect!r} (valid: an instance of a subclass of Effect with an id of its own)")
+    CATALOGUE[effect.id] = effect
+    allow_effect(effect.id)
+
+
+def add_installed_effects() -> None:
+    """Adds the effects of other installed packages; again does nothing.
+
+    Raises:
+        BadInput: One cannot be imported, is no effect, or goes by another id than its entry point.
+    """
+    for name in installed(EFFECTS):
+        if name in CATALOGUE:
+            continue
+        effect = loaded(EFFECTS, name)()
+        if not isinstance(effect, Effect) or effect.id != name:
+            raise BadInput(
+                f"'{name}' of {EFFECTS} is {effect!r} (valid: a subclass of Effect with the id '{name}')"
+            )
+        add_effect(effect)
 
 
 def not_searched(*, under_water: bool) -> frozenset[str]:

@@ -9,6 +9,8 @@ Nothing is inverted and nothing is projected: impedances add (thesis eq. 4.28).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from impedance_modules.arrays import Array
@@ -26,6 +28,7 @@ from impedance_modules.modules.equilibrium import Equilibrium, PhaseMotion
 from impedance_modules.modules.equilibrium_velocity import follow_equilibrium
 from impedance_modules.modules.held_object import ObjectLoads, object_efforts, object_loads
 from impedance_modules.modules.joint_bias import JointSprings, bias_efforts, bias_energy
+from impedance_modules.modules.own_module import OWN, OwnModule, OwnTorques, apply_own, own_torques
 from impedance_modules.modules.spring import Spring, Springs, spring_efforts, spring_energies
 from impedance_modules.modules.target_motion import TargetMotion, target_motion
 from impedance_modules.records import Matrix, Record, Vector
@@ -39,9 +42,10 @@ class Modules(Record):
     Attributes:
         springs, bias, loads: Of every arm and of the object; their torques are rows of ``efforts``.
         targets: How fast equilibria move, for dampers that count from them.
+        own: Modules that somebody wrote in Python.
         compensation: Of what was diagnosed; inactive where nothing is to be compensated.
-        efforts: (springs + arms + 2, n) torque of every spring, every arm's joint bias, squeeze and weight, and one
-            row more for what is compensated, if anything is [N.m].
+        efforts: (springs + arms + 2, n) torque of every spring, every arm's joint bias, squeeze and weight, one row
+            more for each module of ``own``, and one for what is compensated, if anything is [N.m].
         desired: (n,) their sum [N.m].
     """
 
@@ -49,6 +53,7 @@ class Modules(Record):
     bias: JointSprings
     loads: ObjectLoads
     targets: TargetMotion
+    own: OwnTorques
     compensation: Compensation
     efforts: Matrix
     desired: Vector
@@ -58,6 +63,8 @@ class Modules(Record):
 def potential_energy(modules: Modules, arms: ArmGeometry, q: Array) -> float:
     """Returns U of all springs, joint springs and compensated potentials as they are in force, undiminished [J]."""
     energy = spring_energies(modules.springs, arms) + bias_energy(modules.bias, q)
+    if modules.own.active:
+        energy += modules.own.energy
     if modules.compensation.active:
         energy += compensation_energy(modules.compensation, q)
     return energy
@@ -77,6 +84,8 @@ def sum_modules(modules: Modules, arms: ArmGeometry, q: Array, velocity: Array, 
     energy = spring_efforts(modules.springs, arms, velocity, scale)
     energy += bias_efforts(modules.bias, arms, q, velocity, scale)
     object_efforts(modules.loads, arms)
+    if modules.own.active:
+        energy += apply_own(modules.own, scale)
     added = modules.compensation
     rows = modules.efforts.shape[0] - (1 if added.active else 0)
     for j in range(q.size):
@@ -93,7 +102,12 @@ def sum_modules(modules: Modules, arms: ArmGeometry, q: Array, velocity: Array, 
 
 
 def lay_out(
-    modules: TaskModules, n: int, compensation: Compensation | None = None, *, period: float = 1.0
+    modules: TaskModules,
+    n: int,
+    compensation: Compensation | None = None,
+    *,
+    period: float = 1.0,
+    own: int = 0,
 ) -> Modules:
     """Takes the memory of a task's modules once and writes what no phase changes; gains and equilibria are 0.
 
@@ -102,10 +116,12 @@ def lay_out(
         n: Number of the robot's joints.
         compensation: Of what was diagnosed; None for nothing.
         period: Of the control [s]; only ``measure_target_motion`` needs it.
+        own: Number of modules that somebody wrote in Python.
     """
     springs = [spring for arm in modules.arms for spring in arm.springs]
     count, arms = len(springs), len(modules.arms)
-    efforts = np.zeros((count + arms + (2 if compensation is None else 3), n))
+    known = count + arms + 2
+    efforts = np.zeros((known + own + (0 if compensation is None else 1), n))
     stiffness, limb = np.zeros(n), np.zeros(n, dtype=np.int64)
     for number, arm in enumerate(modules.arms):
         limb[arm.limb.joints] = number
@@ -133,6 +149,7 @@ def lay_out(
         ),
         loads=object_loads(modules.held, modules.frames, efforts[count + arms : count + arms + 2]),
         targets=_target_motion(modules, springs, n, period),
+        own=own_torques(own, efforts[known : known + own]),
         compensation=no_compensation(n) if compensation is None else compensation,
         efforts=efforts,
         desired=np.zeros(n),
@@ -149,11 +166,20 @@ def _target_motion(modules: TaskModules, springs: list[Spring], n: int, period: 
     return target_motion([spring.spec.damping_against == EQUILIBRIUM for spring in springs], joints, period)
 
 
-def module_names(modules: TaskModules, *, compensated: bool = False) -> tuple[str, ...]:
-    """Names the rows of ``Modules.efforts``: every spring, every arm's joint bias, squeeze, weight, compensation."""
+def module_names(
+    modules: TaskModules, own: Sequence[OwnModule] = (), *, compensated: bool = False
+) -> tuple[str, ...]:
+    """Names the rows of ``Modules.efforts``: springs, joint biases, squeeze, weight, own modules, compensation."""
     springs = [spring.name for arm in modules.arms for spring in arm.springs]
     biases = [f"{arm.limb.name}.joint_bias" for arm in modules.arms]
-    return (*springs, *biases, "squeeze", "weight", *([COMPENSATION] if compensated else []))
+    return (
+        *springs,
+        *biases,
+        "squeeze",
+        "weight",
+        *(f"{OWN}{m.name}" for m in own),
+        *([COMPENSATION] if compensated else []),
+    )
 
 
 def write_gains(into: Modules, modules: TaskModules, damping: Damping) -> None:

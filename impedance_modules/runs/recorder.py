@@ -27,6 +27,7 @@ from impedance_modules.episode.columns import (
 from impedance_modules.episode.metadata import episode_metadata, library_versions
 from impedance_modules.episode.writer import EpisodeWriter
 from impedance_modules.modules.compensation import COMPENSATION
+from impedance_modules.modules.own_module import OWN
 from impedance_modules.records import IndexMatrix, Indices, Matrix, Record, Vector
 from impedance_modules.robot.rotation import write_quaternion
 from impedance_modules.robot.state import RobotState
@@ -288,7 +289,7 @@ def _recorded_modules(supervisor: Supervisor) -> list[tuple[str, int, int]]:
     for row, name in enumerate(controller.module_names):
         owners = [arm for arm in assembly.modules.arms if name.startswith(f"{arm.limb.name}.")]
         joints = owners[0].limb.joints if owners else everywhere
-        if not owners and name != COMPENSATION and assembly.modules.held is None:
+        if not owners and not name.startswith((COMPENSATION, OWN)) and assembly.modules.held is None:
             continue
         for joint in joints:
             found.append((f"module.{name}.{assembly.model.joint_names[joint]}", row, int(joint)))
@@ -320,6 +321,7 @@ def run_metadata(
         backend=backend,
         effects=None if patch is None else patch.text,
         **({} if compensation is None else {"compensate": compensation.patch.text}),
+        **({"own_modules": [module.name for module in assembly.own]} if assembly.own else {}),
         joint_origins={
             name: [list(origin.translation), list(origin.roll_pitch_yaw)]
             for name, origin in assembly.robot.joint_origins.items()

@@ -21,6 +21,7 @@ from impedance_modules.control.contact_detection import contact_checks
 from impedance_modules.episode.data import Episode
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.errors import BadInput
+from impedance_modules.installed import BACKENDS, installed, loaded
 from impedance_modules.plant.plant import PlantOptions
 from impedance_modules.runs.task_plant import sim_backend
 
@@ -99,6 +100,9 @@ def make_backend(
         return sim_backend(assembly, seed)
     if backend == "mujoco":
         return mujoco_backend(assembly, seed, mjcf=mjcf)
+    if backend in installed(BACKENDS):
+        made: Backend = loaded(BACKENDS, backend)(assembly, seed)
+        return made
     if log is None:
         raise BadInput("--backend replay needs --log DIR, the recording to feed back")
     return replay_backend(assembly, log)

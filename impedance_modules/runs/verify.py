@@ -59,6 +59,12 @@ def reassemble(episode: Episode) -> Assembly:
     text = metadata.get("task")
     if not isinstance(text, str):
         raise BadInput(f"{episode.name}: the recording carries no task, so its torques cannot be recomputed")
+    if metadata.get("own_modules"):
+        named = ", ".join(map(str, metadata["own_modules"]))
+        raise BadInput(
+            f"{episode.name}: run with modules of one's own ({named}), which no recording carries; its torques cannot"
+            " be recomputed"
+        )
     for key in ("rate", "scale"):
         if key not in metadata:
             raise BadInput(

@@ -16,6 +16,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from impedance_modules.errors import Problem, nearest
+from impedance_modules.installed import EFFECTS, installed
 from impedance_modules.spec.document import Document
 from impedance_modules.spec.locate import find_schema
 from impedance_modules.spec.yaml_tree import KeyPath
@@ -38,9 +39,24 @@ _KINDS = {
 
 
 def load_schema(name: str) -> dict[str, Any]:
-    """Returns the JSON Schema ``name`` as plain data; raises BadInput for an unknown name."""
+    """Returns the JSON Schema ``name`` as plain data; raises BadInput for an unknown name.
+
+    A patch may have the effects of other installed packages, too.
+    """
     schema: dict[str, Any] = json.loads(find_schema(name).read_text(encoding="utf-8"))
+    if name == "patch":
+        known = schema["$defs"]["effect"]["properties"]["effect"]["enum"]
+        known += [more for more in (*installed(EFFECTS), *_MORE_EFFECTS) if more not in known]
     return schema
+
+
+_MORE_EFFECTS: list[str] = []
+
+
+def allow_effect(name: str) -> None:
+    """Lets patches have an effect that is not in the schema's file."""
+    _MORE_EFFECTS.append(name)
+    _validator.cache_clear()
 
 
 def schema_problems(document: Document, schema_name: str) -> list[Problem]:

@@ -13,9 +13,9 @@ from tests.support.paths import CHECKOUT
 PACKAGE = CHECKOUT / "impedance_modules"
 
 ORDER = (
-    "errors", "extras input_files strict_json plain_figures compiled records machine_code", "spec", "robot",
+    "errors", "extras installed input_files strict_json plain_figures compiled records machine_code", "spec", "robot",
     "effects modules", "superposition export", "new_robot safety plant episode", "backends", "control",
-    "prediction streaming", "runs", "tools diagnosis", "cli",
+    "prediction streaming", "runs", "tools diagnosis", "api", "cli",
 )  # fmt: skip
 RANK = {name: rank for rank, names in enumerate(ORDER) for name in names.split()}
 
@@ -27,6 +27,7 @@ NOT_FOR_DIAGNOSIS = ("backends", "control", "prediction", "runs")
 
 STEPS = (
     "data", "result", "residuals", "regression", "model_selection", "rollout", "report experiment_design", "diagnose",
+    "text_logs", "compared_recordings",
 )  # fmt: skip
 STAGES = {name: step for step, names in enumerate(STEPS) for name in names.split()}
 """Folders and files of diagnosis/ in the order in which a recording goes through them."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Text logs that ``diagnose`` takes as they are: imported first, by the map of their header."""
+"""Logs of other programs that ``diagnose`` takes as they are: imported first, by the map of their header."""
 
 from __future__ import annotations
 
@@ -7,8 +7,6 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-
-from impedance_modules.cli.plain_lines import say
 
 SUFFIXES = {".csv", ".txt"}
 """Of text logs."""
@@ -21,12 +19,16 @@ SOURCES, GRAVITIES = ("joint_sensor", "motor"), ("none", "robot", "command")
 class Stated:
     """What a table cannot say of itself: where effort was measured, and what holds the weight; None if not stated."""
 
-    effort_source: str | None
-    gravity_compensation: str | None
+    effort_source: str | None = None
+    gravity_compensation: str | None = None
 
 
 def as_episodes(
-    logs: Sequence[Path], description: Callable[[], Path], stated: Stated, folder: Path
+    logs: Sequence[Path],
+    description: Callable[[], Path],
+    stated: Stated,
+    folder: Path,
+    note: Callable[[str], None],
 ) -> tuple[Path, ...]:
     """Replaces every text log by the episode that it is imported as; all other logs stay.
 
@@ -35,6 +37,7 @@ def as_episodes(
         description: Finds the description that names the joints; called only if there is a text log.
         stated: Of logs whose header does not say it.
         folder: For the episodes.
+        note: Told what was taken because nobody said it.
 
     Raises:
         BadInput: A text log whose columns are not known, or one that cannot be imported.
@@ -47,15 +50,16 @@ def as_episodes(
     for key, usual in taken.items():
         more = f" and {len(texts) - 1} more" if len(texts) > 1 else ""
         option = f"--{key.replace('_', '-')}"
-        say(f"note: {texts[0]}{more}: no {key} is said; '{usual}' is taken ({option} states it)", err=True)
+        note(f"{texts[0]}{more}: no {key} is said; '{usual}' is taken ({option} states it)")
     return found
 
 
 def _episode(log: Path, urdf: Path, stated: Stated, taken: dict[str, str], folder: Path) -> Path:
     """Imports one text log; writes into ``taken`` what nobody said."""
-    from impedance_modules.episode.imports.generated_maps import map_for
-    from impedance_modules.episode.imports.maker_maps import STATE
-    from impedance_modules.episode.imports.pipeline import import_sources
+    # Imported only here: the command line needs the choices above at once.
+    from impedance_modules.episode.imports.generated_maps import map_for  # noqa: PLC0415
+    from impedance_modules.episode.imports.maker_maps import STATE  # noqa: PLC0415
+    from impedance_modules.episode.imports.pipeline import import_sources  # noqa: PLC0415
 
     text = map_for(log, urdf).text
     answers = {"effort_source": stated.effort_source, "gravity_compensation": stated.gravity_compensation}
