@@ -21,7 +21,7 @@ VERBS = {
     "check": "prediction_verbs",
     "analyze": "prediction_verbs",
     "run": "run_verbs",
-    "replay": "run_verbs",
+    "replay": "replay_verb",
     "map": "surface_verbs",
     "import": "import_verb",
     "diagnose": "diagnose_verb",

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""``impedance run``: carry a task out and record it. ``impedance replay``: view a recording or recompute it."""
+"""``impedance run``: carry a task out and record it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import click
 
 from impedance_modules.cli.baxter.connection import transport_option
 from impedance_modules.cli.connection_options import NOWHERE, Reached, connection_options
-from impedance_modules.cli.plain_lines import say
+from impedance_modules.cli.listening import refuse_listening, set_points_of
 from impedance_modules.cli.plant_trial import trial_line, tried
 from impedance_modules.cli.shared_options import (
     arm_option,
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from impedance_modules.backends.baxter.session import DeferredSession
     from impedance_modules.backends.protocol import Backend
     from impedance_modules.control.assembly import Assembly
-    from impedance_modules.control.set_point_source import SetPointSource
     from impedance_modules.runs.execution import RunResult
 
 BACKENDS = ("sim", "mujoco", "replay", "baxter", "franka", "ros2")
@@ -186,29 +185,6 @@ def run_command(
     return _exit_code(result)
 
 
-@click.command("replay")
-@click.argument("log", metavar="DIR_OR_LOG", type=click.Path(path_type=Path))
-@click.option(
-    "--view", is_flag=True, help="Open the recording in the viewer (what happens without --verify)."
-)
-@click.option("--verify", is_flag=True, help="Recompute every torque; bit-equal on one machine.")
-def replay_command(log: Path, view: bool, verify: bool) -> int:
-    """Open DIR_OR_LOG in the viewer, or verify it: a run's directory, a folder with one episode, or an episode.
-
-    Exit: 0 fine, 2 no such recording or (with --verify) one without a task, 4 a torque differs.
-    """
-    from impedance_modules.episode.run_folder import the_episode
-
-    log = the_episode(log)
-    if verify:
-        _verify(log)
-    if view or not verify:
-        from impedance_modules.episode.viewer import view_episode
-
-        say(f"opened {view_episode(log)}")
-    return 0
-
-
 @dataclass(frozen=True)
 class RunRequest:
     """The options of ``impedance run``.
@@ -294,61 +270,13 @@ def _carry_out(
         mjcf=asked.mjcf,
     )
     with ExitStack() as closing:
-        source = _set_points(assembly, asked, closing, console)
+        source = set_points_of(assembly, asked, closing, console)
         if asked.listen is not None and asked.backend in SIMULATED:
             robot = RealTime(robot)
         on_progress = closing.enter_context(
             progress(sum(phase.duration for phase in assembly.task.phases), console)
         )
         return carry_out(assembly, robot, options, on_progress, source)
-
-
-def refuse_listening(assembly: Assembly, asked: RunRequest) -> None:
-    """Refuses ``--listen`` where no phase of the task listens, or a recording is fed back.
-
-    Raises:
-        BadInput: Naming what would be valid.
-    """
-    from impedance_modules.errors import BadInput
-
-    if asked.listen is None:
-        return
-    if assembly.task.set_points is None:
-        raise BadInput(
-            f"--listen: task '{assembly.task.name}' has no 'set_points', the limits of what may arrive (valid: a task"
-            " with 'set_points' and phases with 'listen: true', as the shipped task follow-set-points)"
-        )
-    if asked.backend == "replay":
-        raise BadInput(
-            "--listen: a recording that is fed back follows the set-points in it (valid: another backend)"
-        )
-
-
-def _set_points(
-    assembly: Assembly, asked: RunRequest, closing: ExitStack, console: Console
-) -> SetPointSource | None:
-    """Opens where set-points come from; None for nowhere."""
-    limits = assembly.task.set_points
-    if limits is None:
-        return None
-    if asked.listen is None and asked.log is None:
-        console.print(
-            "nobody is listened to: the targets of 'set_points' rest (valid: --listen)", highlight=False
-        )
-        return None
-    if asked.log is not None:
-        from impedance_modules.episode.reader import read_episode
-        from impedance_modules.runs.recorded_set_points import RecordedSetPoints
-
-        return RecordedSetPoints(read_episode(asked.log), limits)
-    from impedance_modules.streaming.inbox import Inbox
-    from impedance_modules.streaming.receiver import SetPointReceiver, listening_address
-
-    inbox = Inbox(limits)
-    address = listening_address(str(asked.listen))
-    closing.callback(SetPointReceiver(address, inbox).close)
-    console.print(f"listening to set-points at {address}", highlight=False)
-    return inbox
 
 
 def _robot(assembly: Assembly, found: DeferredSession | None, asked: RunRequest) -> Backend:
@@ -404,24 +332,6 @@ def _real_rate(read_only: bool) -> float:
     from impedance_modules.backends.baxter.topics import DEFAULT_STATE_RATE, USUAL_RATE
 
     return DEFAULT_STATE_RATE if read_only else USUAL_RATE
-
-
-def _verify(log: Path) -> None:
-    from rich.progress import Progress
-
-    from impedance_modules.cli.terminal import Terminal
-    from impedance_modules.episode.reader import read_episode
-
-    episode = read_episode(log)
-    console = Terminal()
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
-        from impedance_modules.runs.verify import verify
-
-        row = bar.add_task("recomputing", total=1.0)
-        found = verify(episode, lambda part: bar.update(row, completed=part))
-    say(f"{found.samples} samples of {found.joints} joints recomputed: every torque bit-equal")
-    for name, (then, now) in found.other_versions.items():
-        say(f"note: recorded with {name} {then}, recomputed with {now}")
 
 
 def _refuse_playback(options: RunRequest) -> None:
