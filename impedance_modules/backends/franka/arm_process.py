@@ -12,6 +12,7 @@ Run as ``python -m impedance_modules.backends.franka.arm_process ADDRESS SOCKET 
 from __future__ import annotations
 
 import os
+import select
 import signal
 import socket
 import struct
@@ -68,7 +69,6 @@ class ArmProcess:
         """Takes the socket, how long a state's own torque is waited for, and how long a torque counts [s]."""
         self.channel = channel
         self._answer, self._silent = answer, silent
-        self._patience = _timeval(answer)
         self._robot: Any = None
         self._library: Any = None
         self._control: Any = None
@@ -142,20 +142,21 @@ class ArmProcess:
             self._say(TextKind.ENDED, "halted on the way" if path.halted else "at the pose")
 
     def _listen(self, *, wait: bool) -> None:
-        """Takes all orders that have come; where ``wait``, gives the torque of this state a moment to come."""
-        flags = 0 if wait else socket.MSG_DONTWAIT
+        """Takes all orders that have come; where ``wait``, gives the torque of this state a moment to come.
+
+        By ``select``: a socket's own time-out is rounded up to the scheduler's ticks, which are as long as a cycle.
+        """
         if wait:
-            self.channel.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, self._patience)
+            select.select([self.channel], [], [], self._answer)
         while True:
             try:
-                message = self.channel.recv(LARGEST, flags)
+                message = self.channel.recv(LARGEST, socket.MSG_DONTWAIT)
             except BlockingIOError:
                 return
             if not message:
                 self._gone()
                 return
             self._obey(unpack_order(message))
-            flags = socket.MSG_DONTWAIT
 
     def _obey(self, order: ArmOrder) -> None:
         if order.kind is OrderKind.TORQUE:
