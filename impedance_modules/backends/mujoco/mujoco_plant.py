@@ -65,7 +65,7 @@ class MujocoPlant:
     ) -> None:
         """Takes robot, scene, the effects of a patch, how it is stepped, and who pushes."""
         self.model, self.scene, self._worn, self._options = model, scene, worn, options
-        self._division = divide(replace(options, step=min(options.step, scene.step)))
+        self._division = divide(replace(options, step=scene.step))
         self._physics = scene.compiled
         self._physics.opt.timestep = self._division.step
         worn.joints.write(self._physics, scene.indices)
@@ -75,7 +75,13 @@ class MujocoPlant:
         # Its warnings would go into a file in the working folder; a state that is not finite is refused here.
         mujoco.set_mju_user_warning(lambda _message: None)
         self.data = mujoco.MjData(self._physics)
+        # Views of its arrays: they stay where they are, and asking for them takes longer than using them.
+        self._q, self._v, self._ctrl = self.data.qpos, self.data.qvel, self.data.ctrl
         self._at = scene.indices
+        self._half_gap = 0.5 * worn.plant.gap
+        self._plays = bool(self._half_gap.any())
+        self._all_elastic = bool(self._at.elastic.all())
+        self._losses = _motor_losses(self._physics, worn, scene)
         self._compliance = model.spring_compliance()
         self._stiffness = np.array([joint.spring_stiffness or 0.0 for joint in model.joints])
         self._ideal = np.array([joint_kind(joint) == IDEAL for joint in model.joints])
@@ -98,18 +104,20 @@ class MujocoPlant:
     @property
     def position(self) -> Vector:
         """Joint positions q (n,) [rad]."""
-        return np.asarray(self.data.qpos[self._at.position])
+        return np.asarray(self._q[self._at.position])
 
     @property
     def velocity(self) -> Vector:
         """Joint velocities (n,) [rad/s]."""
-        return np.asarray(self.data.qvel[self._at.velocity])
+        return np.asarray(self._v[self._at.velocity])
 
     @property
     def motor_position(self) -> Vector:
         """Motor positions theta (n,) [rad]; of an ideal torque source q + tau / K."""
-        deflection = np.where(self._ideal, self._compliance * self.data.qfrc_actuator[self._at.velocity], 0.0)
-        return np.asarray(self.data.qpos[self._at.motor_position] + deflection)
+        theta = self._q[self._at.motor_position]
+        if self._ideal.any():
+            theta[self._ideal] += (self._compliance * self.data.qfrc_actuator[self._at.velocity])[self._ideal]
+        return np.asarray(theta)
 
     def warm(self, q: Vector) -> None:
         """Stands reset at q (n,) [rad]; there is nothing to compile."""
@@ -171,22 +179,28 @@ class MujocoPlant:
     def sense(self) -> RobotState:
         """Reports what the robot measures now."""
         self._running()
-        # At the present state, not at the beginning of the last step.
-        mujoco.mj_forward(self._physics, self.data)
+        if not self._all_elastic:
+            # At the present state, not at the beginning of the last step; springs need no acceleration.
+            mujoco.mj_forward(self._physics, self.data)
         return self._sensors.sample(self.time, self.sensed_torque)
 
     @property
     def sensed_torque(self) -> Vector:
-        """What a perfect effort sensor between gear and link reports (n,) [N.m]; after MuJoCo's ``mj_forward``."""
-        data, at, physics = self.data, self._at.motor_velocity, self._physics
-        v, joints = data.qvel[at], self._worn.joints
-        lead = data.qpos[self._at.motor_position] - data.qpos[self._at.position]
-        deflection = np.sign(lead) * np.maximum(np.abs(lead) - 0.5 * self._worn.plant.gap, 0.0)
-        lost = physics.dof_armature[at] * data.qacc[at]
-        lost += (physics.dof_damping[at] - joints.damping[LINK]) * v
-        lost += (physics.dof_dampingpoly[at, 0] - joints.drag[LINK]) * v * np.abs(v)
-        rigid = data.qfrc_actuator[at] - lost + self._dry_friction()
-        return np.asarray(np.where(self._at.elastic, self._stiffness * deflection, rigid))
+        """What a perfect effort sensor between gear and link reports (n,) [N.m]; after ``mj_forward``, where rigid."""
+        lead = self._q[self._at.motor_position] - self._q[self._at.position]
+        if self._plays:
+            lead -= np.clip(lead, -self._half_gap, self._half_gap)
+        spring = self._stiffness * lead
+        return np.asarray(
+            spring if self._all_elastic else np.where(self._at.elastic, spring, self._rigid_torque())
+        )
+
+    def _rigid_torque(self) -> Vector:
+        """Gives what drives leave for the links behind rotors, damping and friction of their own (n,) [N.m]."""
+        data, at = self.data, self._at.motor_velocity
+        v, (inertia, damping, drag) = self._v[at], self._losses
+        lost = inertia * data.qacc[at] + damping * v + drag * v * np.abs(v)
+        return np.asarray(data.qfrc_actuator[at] - lost + self._dry_friction())
 
     def _dry_friction(self) -> Vector:
         """Gives the torque (n,) [N.m] of MuJoCo's friction constraints on the motors' side."""
@@ -230,14 +244,14 @@ class MujocoPlant:
             self.data.xfrc_applied[body.index] = body.at_centre(
                 self.data, push_wrench(pushes, body.name, time)
             )
-        speeds = np.abs(self.velocity)
+        before = self.velocity
         mujoco.mj_step(self._physics, self.data, self._division.steps)
-        self._refuse_non_finite(time, speeds)
+        self._refuse_non_finite(time, before)
         self._sensors.update(self.position)
 
     def _set_drives(self) -> None:
         """Gives the actuators command and weight compensation, through the drives' path where a patch has one."""
-        drive, ctrl = self._worn.drive, self.data.ctrl
+        drive, ctrl = self._worn.drive, self._ctrl
         if drive is None:
             ctrl[self._at.command], ctrl[self._at.assist] = self._command, self._assist
             return
@@ -253,16 +267,15 @@ class MujocoPlant:
 
     def _refuse_non_finite(self, time: float, before: Vector) -> None:
         """Refuses a state that has left every scale of a robot."""
-        data = self.data
-        if math.isfinite(total := float(data.qvel @ data.qvel + data.qpos @ data.qpos)) and total < HUGE**2:
+        if math.isfinite(total := float(self._v @ self._v + self._q @ self._q)) and total < HUGE**2:
             return
         wrong = ~(np.abs(np.concatenate([self.velocity, self.position])) < HUGE)
         names = [f"{what} of {name}" for what in ("velocity", "position") for name in self.model.joint_names]
         first = names[int(np.argmax(wrong))] if wrong.any() else "velocity of the object"
-        fastest = int(np.argmax(before))
+        fastest = int(np.argmax(np.abs(before)))
         raise PlantNotFinite(
             f"the simulated {first} is not finite at {time + self._division.loop:.4f} s in MuJoCo; before it,"
-            f" {self.model.joint_names[fastest]} moved at {before[fastest]:.4g} rad/s"
+            f" {self.model.joint_names[fastest]} moved at {abs(before[fastest]):.4g} rad/s"
         )
 
     def hold(self) -> None:
@@ -299,6 +312,15 @@ class MujocoPlant:
                 "the robot on MuJoCo has not been reset: call reset(q) with a start posture first"
             )
         return self._queue
+
+
+def _motor_losses(
+    physics: mujoco.MjModel, worn: WornEffects, scene: MujocoScene
+) -> tuple[Array, Array, Array]:
+    """Gives inertia, damping and drag (n,) that act on rigid joints' motors, without what acts on their links."""
+    at = scene.indices.motor_velocity
+    damping = physics.dof_damping[at] - worn.joints.damping[LINK]
+    return physics.dof_armature[at].copy(), damping, physics.dof_dampingpoly[at, 0] - worn.joints.drag[LINK]
 
 
 class PushedBody:

@@ -49,7 +49,7 @@ from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.robot_spec import UPRIGHT_GRAVITY
 from impedance_modules.spec.task import SurfaceSpec
 
-LONGEST_STEP = 0.25e-3
+LONGEST_STEP = 0.5e-3
 """Integration step unless a contact needs a shorter one [s]."""
 
 LARGEST_SWING = 0.3

@@ -26,12 +26,12 @@ FREE, TOUCHING = 0.005, 0.010
 """By how much the hands of the two realities may differ, RMS [m]."""
 
 TASKS = {
-    "reach-and-return": (5.0, FREE),
-    "mirrored-arms": (3.0, FREE),
-    "wipe-table": (3.0, TOUCHING),
-    "press-box": (2.5, TOUCHING),
-    "box-hold": (5.0, TOUCHING),
-    str(TESTS / "data" / "fr3-box.yaml"): (4.0, TOUCHING),
+    "reach-and-return": (4.0, FREE),
+    "mirrored-arms": (2.0, FREE),
+    "wipe-table": (2.5, TOUCHING),
+    "press-box": (2.0, TOUCHING),
+    "box-hold": (3.5, TOUCHING),
+    str(TESTS / "data" / "fr3-box.yaml"): (3.0, TOUCHING),
 }
 """Task -> how much of it is run [s], and what may differ."""
 
