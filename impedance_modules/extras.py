@@ -8,7 +8,7 @@ from importlib.util import find_spec
 
 from impedance_modules.errors import BadInput
 
-EXTRAS = {"matplotlib": "plots", "rosbags": "bags", "apsw": "bags", "lz4": "bags"}
+EXTRAS = {"matplotlib": "plots", "rosbags": "bags", "apsw": "bags", "lz4": "bags", "mujoco": "mujoco"}
 """Package as it is imported -> extra of this package that installs it."""
 
 

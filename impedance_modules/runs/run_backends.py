@@ -21,6 +21,7 @@ from impedance_modules.control.contact_detection import contact_checks
 from impedance_modules.episode.data import Episode
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.errors import BadInput
+from impedance_modules.extras import need
 from impedance_modules.installed import BACKENDS, installed, loaded
 from impedance_modules.plant.plant import PlantOptions
 from impedance_modules.runs.task_plant import sim_backend
@@ -43,15 +44,9 @@ def mujoco_backend(
     Raises:
         BadInput, BadFile: MuJoCo is not installed, or a surface, an effect or the model is nothing it can have.
     """
-    try:
-        from impedance_modules.backends.mujoco.assembled_plant import mujoco_plant  # noqa: PLC0415 - an extra
-    except ModuleNotFoundError as error:
-        if error.name != "mujoco":
-            raise
-        raise BadInput(
-            "--backend mujoco: MuJoCo is not installed (valid: pip install 'impedance-modules[mujoco]', or"
-            " --backend sim)"
-        ) from None
+    need("mujoco", "--backend mujoco")
+    from impedance_modules.backends.mujoco.assembled_plant import mujoco_plant  # noqa: PLC0415 - an extra
+
     task, modules = assembly.task, assembly.modules
     plant = mujoco_plant(
         assembly.model,

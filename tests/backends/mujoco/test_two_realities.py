@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import sys
 from functools import cache
 from pathlib import Path
 from tempfile import mkdtemp
@@ -19,7 +20,7 @@ from impedance_modules.runs.execution import RunOptions, RunResult, carry_out
 from impedance_modules.runs.run_backends import make_backend, mujoco_backend
 from impedance_modules.runs.verify import verify
 from tests.support.adversity import Books
-from tests.support.commands import invoke
+from tests.support.commands import invoke, refusal
 from tests.support.paths import TESTS
 
 FREE, TOUCHING = 0.005, 0.010
@@ -128,3 +129,9 @@ def test_the_command_runs_it_and_tells(tmp_path: Path) -> None:
     done = invoke("run", "soft-hold", "--backend", "mujoco", "--duration", "0.2", "--out", str(out))
     assert done.return_value == 0
     assert "mujoco" in done.output and (out / "episode.parquet").exists()
+
+
+def test_without_mujoco_the_command_names_its_extra(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    said = refusal("run", "soft-hold", "--backend", "mujoco", "--out", tmp_path / "run")
+    assert "not installed" in said and "impedance-modules[mujoco]" in said
