@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -35,6 +37,9 @@ SENSORS = (
 )
 
 WIDTH = 116
+
+SWITCHES = ("true", "false", "yes", "no", "on", "off", "null", "y", "n")
+"""Words that are no text to some readers of YAML."""
 
 
 @dataclass(frozen=True)
@@ -111,14 +116,14 @@ def _limbs(robot: RobotText) -> str:
     lines = ["limbs: # short name, as tasks write it: joint of the URDF; from the base outwards"]
     for naming, chain in robot.arms:
         joints = {short: naming(name) for short, name in chain.joints.items()}
-        lines += [f"  {chain.limb}:", f"    hand: {naming(chain.hand)}"]
+        lines += [f"  {chain.limb}:", f"    hand: {_plain(naming(chain.hand))}"]
         lines += _wrapped("    joints: ", joints)
     return "\n".join(lines)
 
 
 def _wrapped(head: str, table: Mapping[str, object]) -> list[str]:
     """Writes a flow mapping, over several lines where one is too short."""
-    words = [f"{key}: {_word(value)}" for key, value in table.items()]
+    words = [f"{_plain(key)}: {_word(value)}" for key, value in table.items()]
     if len(head) + len(", ".join(words)) + 2 <= WIDTH:
         return [f"{head}{{{', '.join(words)}}}"]
     indent = " " * (len(head) - len(head.lstrip()) + 2)
@@ -137,7 +142,13 @@ def _word(value: object) -> str:
         return f"[{', '.join(_word(one) for one in value)}]"
     if isinstance(value, float):
         return _number(value)
-    return str(value)
+    return str(value) if isinstance(value, int) else _plain(str(value))
+
+
+def _plain(name: str) -> str:
+    """Writes a name, in quotes where a reader of YAML could take it for something else."""
+    simple = re.fullmatch(r"[A-Za-z_][A-Za-z0-9_.-]*", name) and name.lower() not in SWITCHES
+    return name if simple else json.dumps(name)
 
 
 def _number(value: float) -> str:
@@ -216,7 +227,7 @@ def _postures(robot: RobotText) -> str:
 
 
 def _rest(robot: RobotText) -> str:
-    pairs = [f"    - [{first}, {second}]" for first, second in robot.pairs]
+    pairs = [f"    - [{_plain(first)}, {_plain(second)}]" for first, second in robot.pairs]
     said = "" if robot.gravity[1] else f" # [assumed]; {CONSEQUENCES['gravity_compensation']}"
     modes = "" if robot.modes[1] else f" # [assumed]; {CONSEQUENCES['control_modes']}"
     return "\n".join(

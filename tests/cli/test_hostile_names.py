@@ -97,6 +97,13 @@ CALLS = {
         (hostile_task(f), "--vary", "a=0:1"),
     ],
     "roughness": lambda f: [hostile_file(f)],
+    "robot": lambda f: [
+        ("new", HOSTILE, "--urdf", hostile_file(f)),
+        ("new", "a", "--urdf", hostile_file(f), "--out", f / "o"),
+        ("new", "a", "--urdf", hostile_file(f), "--hand", HOSTILE, "--out", f / "o"),
+        ("new", "a", "--urdf", hostile_file(f), "--base", HOSTILE, "--out", f / "o"),
+        ("new", "a", "--urdf", hostile_file(f), "--hold", HOSTILE, "--out", f / "o"),
+    ],
     "reproduce": lambda f: [(HOSTILE, "--out", f / "o")],
     "baxter": lambda f: [("check", "--robot", HOSTILE), HOSTILE],
 }  # fmt: skip
@@ -143,6 +150,10 @@ def test_styles_are_rich_s_own(monkeypatch) -> None:
         console.print(styled("[bold]{}[/bold]", "a\x1b[31mb"))
     assert "\\x1b[31mb" in shown.get() and "\x1b[31m" not in shown.get()
     assert isinstance(console, Console)
+
+
+def test_a_place_in_a_file_is_no_picture() -> None:
+    assert styled("{}", "a.yaml:100: words").plain == "a.yaml:100: words"
 
 
 def test_further_lines_of_an_error_are_indented(capsys) -> None:

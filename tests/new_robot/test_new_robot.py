@@ -78,6 +78,17 @@ def test_what_the_description_leaves_open_is_assumed_and_said(tmp_path: Path) ->
     assert spec.joints["j_lift_a"].effort_max == pytest.approx(1.5 * weight, rel=0.1)
 
 
+def test_names_that_yaml_would_read_otherwise_are_quoted(tmp_path: Path) -> None:
+    odd = (
+        ONE_ARM.replace('"palm"', '"on: {palm}"')
+        .replace('"finger"', '"1e3"')
+        .replace("j_lift_a", "j_#lift_a")
+    )
+    spec = read_robot(new(tmp_path, "arm", described(tmp_path, odd)))
+    assert spec.limbs["right"].hand == "on: {palm}" and "1e3" in spec.locked
+    assert "j_#lift_a" in spec.limbs["right"].joints.values()
+
+
 def test_an_assumed_number_can_be_replaced_by_a_larger_one(tmp_path: Path) -> None:
     folder = new(tmp_path, "arm", described(tmp_path))
     file = folder / "robot.yaml"
