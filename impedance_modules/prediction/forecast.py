@@ -33,6 +33,7 @@ from impedance_modules.prediction.quasi_static import MotionPrediction, Predicte
 from impedance_modules.prediction.reach import reach_notes
 from impedance_modules.prediction.statics import Rest, analyse_state
 from impedance_modules.robot.model import Limb, RobotModel
+from impedance_modules.spec.task import ReachedCondition
 from impedance_modules.superposition.modes import longest_time_constant, natural_modes
 
 GRAVITY_SAMPLES = 40
@@ -183,10 +184,31 @@ def forecast_task(assembly: Assembly, prediction: TaskPrediction) -> Forecast:
         phases.append(_forecast_phase(mechanism, phase, rest, arms, judged, hinge))
     notes = tuple(
         dict.fromkeys(
-            [*reach_notes(assembly, prediction.missed), *(note for phase in phases for note in _notes(phase))]
+            [
+                *reach_notes(assembly, prediction.missed),
+                *_far_rests(assembly, phases),
+                *(note for phase in phases for note in _notes(phase)),
+            ]
         )
     )
     return Forecast(tuple(phases), prediction.tank, notes, prediction.compensation)
+
+
+def _far_rests(assembly: Assembly, phases: Sequence[PhaseForecast]) -> Iterator[str]:
+    """Says where a hand rests farther from its target than its phase asks for."""
+    for spec, phase in zip(assembly.task.phases, phases, strict=True):
+        until, motion = spec.until, phase.predicted.motion
+        if not isinstance(until, ReachedCondition):
+            continue
+        moved = {name.partition(".")[0] for name in (*motion.moved, *motion.carried)}
+        for arm in phase.arms:
+            rest = arm.deflection if arm.limb in moved else None
+            if rest is not None and (rest.distance > until.distance or rest.angle > until.angle):
+                yield (
+                    f"phase '{spec.name}': the hand of '{arm.limb}' rests {1e3 * rest.distance:.1f} mm and"
+                    f" {rest.angle:.3f} rad from its target, at most {1e3 * until.distance:g} mm and"
+                    f" {until.angle:g} rad are asked for: it arrives only if it swings through, or not at all"
+                )
 
 
 def _loads(

@@ -71,7 +71,7 @@ def reassemble(episode: Episode) -> Assembly:
                 f"{episode.name}: metadata '{key}' is missing (valid: a recording of 'impedance run')"
             )
     with tempfile.TemporaryDirectory() as folder:
-        task = _beside_original(Path(folder), metadata, text)
+        task = _beside_original(Path(folder), episode, text)
         return assemble(
             str(task),
             effects=_patch_of(metadata, "effects", Path(folder)),
@@ -100,10 +100,15 @@ def _origins(metadata: Mapping[str, object]) -> dict[str, JointOrigin]:
     return {name: JointOrigin(tuple(translation), tuple(turn)) for name, (translation, turn) in said.items()}
 
 
-def _beside_original(folder: Path, metadata: Mapping[str, object], text: str) -> Path:
-    """Writes the task's text where its robot is found: beside the original when that is still there."""
-    original = Path(str(metadata.get("task_path", "")))
-    robots = next((place / "robots" for place in original.parents if _is_folder(place / "robots")), None)
+def _beside_original(folder: Path, episode: Episode, text: str) -> Path:
+    """Writes the task's text where its robot is found: beside the original when that is still there.
+
+    Else in the folders above the recording: the original may have been named from another working folder.
+    """
+    original = Path(str(episode.metadata.get("task_path", "")))
+    around = [place / "robots" for place in (*original.parents, *episode.source.resolve().parents)]
+    own = [robots for robots in around if _is_folder(robots / episode.robot)]
+    robots = next(iter([*own, *filter(_is_folder, around)]), None)
     if robots is not None:
         (folder / "robots").symlink_to(robots.resolve(), target_is_directory=True)
     task = folder / "task.yaml"

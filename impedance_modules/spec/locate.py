@@ -51,8 +51,8 @@ def find_robot(name_or_path: str | Path, beside: Path | None = None) -> Path:
     """Returns the folder of a robot, which holds ``robot.yaml``.
 
     A path wins over a name: it is taken from the folder of ``beside``, then from the working folder. A
-    name is looked up as ``robots/<name>`` in the folder of ``beside`` and its parents, then among the
-    shipped robots.
+    name is looked up as ``robots/<name>`` in the folder of ``beside`` (of nothing: the working folder) and its
+    parents, then among the shipped robots.
 
     Args:
         name_or_path: As the task file or the command line gives it.
@@ -101,9 +101,8 @@ def _holds_robot(folder: Path) -> bool:
 
 
 def _folders_around(beside: Path | None) -> list[Path]:
-    if beside is None:
-        return []
-    folder = beside.resolve().parent
+    """Lists the folder of a file and those above it; of no file, the working folder and those above it."""
+    folder = Path.cwd() if beside is None else beside.resolve().parent
     return [folder, *folder.parents]
 
 

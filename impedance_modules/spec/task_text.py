@@ -33,7 +33,7 @@ def find_steps(data: Any, path: str, *, must_exist: bool = True) -> KeyPath:
 
     Args:
         data: The task file's data.
-        path: Keys and places separated by dots.
+        path: Keys and places separated by dots; keys that have dots themselves stay as they are.
         must_exist: Whether the last key must be there already.
 
     Raises:
@@ -41,8 +41,10 @@ def find_steps(data: Any, path: str, *, must_exist: bool = True) -> KeyPath:
     """
     here, steps = data, list[str | int]()
     words = path.split(".")
-    for index, word in enumerate(words):
-        last = index == len(words) - 1
+    while words:
+        word = _next_word(here, words)
+        del words[: word.count(".") + 1]
+        last = not words
         if isinstance(here, list):
             step: str | int | None = _place(here, word)
             names = tuple(str(_name(entry, place)) for place, entry in enumerate(here))
@@ -57,6 +59,15 @@ def find_steps(data: Any, path: str, *, must_exist: bool = True) -> KeyPath:
         steps.append(step)
         here = here[step] if not isinstance(here, dict) else here.get(step)
     return tuple(steps)
+
+
+def _next_word(here: Any, words: list[str]) -> str:
+    """Takes the next key off a path; a key may have dots in it, as targets do (``right.hand``)."""
+    if isinstance(here, dict):
+        for count in range(1, len(words) + 1):
+            if (word := ".".join(words[:count])) in here:
+                return word
+    return words[0]
 
 
 def changed(document: Document, changes: Mapping[KeyPath, Any], heading: str = "") -> str:
