@@ -31,9 +31,8 @@ DATA = ROOT / "tests" / "data"
 TASKS = (
     *("reach-and-return", "mirrored-arms", "hand-over-hand", "touch-and-stop", "wipe-table"),
     *("hold-to-pipe", "turn-lever", "box-hold", "press-box", str(DATA / "fr3-box.yaml")),
-    *("carry-box --robot fr3-pair", "carry-box --robot ur5e-pair"),
 )
-"""Free motion first, then with contact, a hinge and held objects; two of them on other robots."""
+"""Free motion first, then with contact, a hinge and held objects."""
 
 SPEED_TASKS = ("wipe-table", "press-box")
 MOTIONS = ("swing-one", "swing-one", "swing-two")
