@@ -306,6 +306,7 @@ class Controller:
             self.motion,
             self.cycle.modules,
             first=last is None,
+            blend=phase.blend,
             follow=self._follow(phase),
         )
         self.following = self._points.following

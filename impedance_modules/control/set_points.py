@@ -75,6 +75,11 @@ class SetPoints(Record):
     following: Following
 
 
+def blending_time(blend: float | None, duration: float) -> float:
+    """T_b of a phase [s]: as the task states it, or half a second, or the whole of a shorter phase."""
+    return min(BLENDING, duration) if blend is None else blend
+
+
 def phase_set_points(
     modules: TaskModules,
     damping: Damping,
@@ -82,6 +87,7 @@ def phase_set_points(
     now: Modules,
     *,
     first: bool,
+    blend: float | None = None,
     follow: Callable[[EquilibriumMotion], Following] | None = None,
 ) -> SetPoints:
     """Prepares a phase: its motion from clock 0, its gains blending in from those now in force.
@@ -92,6 +98,7 @@ def phase_set_points(
         motion: From the equilibria where the last phase ended.
         now: What is in force.
         first: True for the first phase, whose gains hold at once, forces apart: every spring is relaxed then.
+        blend: T_b as the phase states it [s]; None where it does not.
         follow: Makes what follows set-points in the motion as it is laid out; None in a phase that does not listen.
     """
     springs = [spring for arm in modules.arms for spring in arm.springs]
@@ -104,7 +111,7 @@ def phase_set_points(
     laid_out = motion.lay_out(np.concatenate([np.zeros(0, dtype=np.int64), *biased]))
     return SetPoints(
         motion=laid_out,
-        blend_time=BLENDING if first else min(BLENDING, motion.duration),
+        blend_time=BLENDING if first and blend is None else blending_time(blend, motion.duration),
         grip_from=now.loads.grip,
         stiffness_from=stiffness.copy() if first else now.springs.stiffness.copy(),
         stiffness_to=stiffness,

@@ -21,7 +21,7 @@ import numpy as np
 
 from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import Assembly
-from impedance_modules.control.set_points import BLENDING
+from impedance_modules.control.set_points import blending_time
 from impedance_modules.errors import BadFile
 from impedance_modules.modules.arms import TaskModules, with_phase_gains
 from impedance_modules.modules.damping import Damping, phase_damping
@@ -159,6 +159,7 @@ class _Running:
     modules: TaskModules
     damping: Damping
     motion: PhaseMotion
+    blend: float | None
 
 
 class _Integration:
@@ -185,7 +186,7 @@ class _Integration:
         mechanism.update(self._q, self._v)
         modules = with_phase_gains(self._modules, spec)
         damping = phase_damping(modules, mechanism.kinematics)
-        phase = _Running(modules, damping, phase_motion(modules, spec, self._equilibrium))
+        phase = _Running(modules, damping, phase_motion(modules, spec, self._equilibrium), spec.blend)
         clock, met = self._integrate(spec, phase)
         self._modules, self._before = modules, phase
         self._equilibrium = phase.motion.at(clock)
@@ -292,7 +293,7 @@ class _Integration:
     def _module_efforts(self, phase: _Running, clock: float) -> tuple[Array, float]:
         """Sums the modules' torque and energy, a phase's gains coming in by minimum jerk."""
         mechanism, targets = self._mechanism, phase.motion.at(clock)
-        blending = min(BLENDING, phase.motion.duration)
+        blending = blending_time(phase.blend, phase.motion.duration)
         part = 1.0 if clock >= blending else minimum_jerk(clock / blending)
         share = part if self._before is None else 1.0
         setting = Setting(phase.modules, targets, phase.damping, motion=phase.motion, clock=clock)

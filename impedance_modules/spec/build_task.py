@@ -202,6 +202,7 @@ def build_phase(raw: Raw, listened: tuple[str, ...] = ()) -> PhaseSpec:
         stiffness={target: build_matrix(given) for target, given in raw.get("stiffness", {}).items()},
         until=_until(raw["until"]) if "until" in raw else None,
         otherwise=raw.get("otherwise", "stop"),
+        blend=_number(raw, "blend"),
         listen=listened if raw.get("listen", False) else (),
         beyond_reach=raw.get("beyond_reach", False),
     )

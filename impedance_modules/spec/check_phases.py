@@ -46,9 +46,19 @@ def phase_problems(draft: TaskDraft, arms: Mapping[str, DraftArm]) -> Iterator[P
                 matrix = build_matrix(draft.value(*at, "stiffness", target))
                 yield from matrix_problems(draft, (*at, "stiffness", target), matrix)
         yield from _until_problems(draft, at)
+        yield from _blend_problems(draft, at)
     yield from set_point_problems(draft, arms, springs)
     for arm in arms.values():
         yield from _changed_spring_problems(draft, arm)
+
+
+def _blend_problems(draft: TaskDraft, at: KeyPath) -> Iterator[Problem]:
+    """Gains that are still coming in when the phase ends would never be in force."""
+    if draft.clean(*at, "blend") and draft.clean(*at, "duration"):
+        blend, duration = float(draft.value(*at, "blend")), float(draft.value(*at, "duration"))
+        if blend > duration:
+            message = f"the gains come in over {blend:g} s, the phase lasts {duration:g} s"
+            yield draft.problem((*at, "blend"), message, (f"up to {duration:g}",))
 
 
 def _name_problems(draft: TaskDraft) -> Iterator[Problem]:

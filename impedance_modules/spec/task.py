@@ -376,6 +376,7 @@ class PhaseSpec:
         stiffness: ``<arm>.<spring>`` -> (6, 6) stiffness from this phase on.
         until: Ends the phase early; None runs for ``duration``.
         otherwise: ``stop`` (exit 3) or ``next`` when ``until`` is not met at ``duration``.
+        blend: Time in which the gains come in [s]; None for half a second, or the whole of a shorter phase.
         listen: Targets whose equilibria follow set-points that arrive meanwhile; none for most phases.
         beyond_reach: Whether its targets may lie where no posture brings the frames: springs that only pull that way.
     """
@@ -389,6 +390,7 @@ class PhaseSpec:
     until: ContactCondition | ReachedCondition | SmoothCondition | None
     otherwise: str
     listen: tuple[str, ...] = ()
+    blend: float | None = None
     beyond_reach: bool = False
 
 

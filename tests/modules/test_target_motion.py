@@ -140,3 +140,28 @@ def test_against_the_world_is_what_is_left_out(tmp_path):
     omitted = assemble(str(path), effects=None, rate=None, scale=1.0, arm=None)
     found = [run(task)[0].plant.motor_work for task in (stated, omitted)]
     assert found[0] == found[1]
+
+
+@pytest.mark.parametrize("blend", [None, 0.2, 1.0])
+def test_gains_come_in_over_the_time_that_a_phase_states(tmp_path, blend):
+    """By minimum jerk: half of the change at half of the time, all of it at its end; half a second unless stated."""
+    stated = "" if blend is None else f", blend: {blend}"
+    text = TASK.replace("TANK", "4.0").replace("AGAINST", "world")
+    head = text[: text.index("phases:")]
+    phases = (
+        "phases:\n  - {name: stiff, duration: 0.1}\n  - {name: soft, stiffness: {right.hand:"
+        f" {{x: 100, y: 100, z: 100, rx: 5, ry: 5, rz: 5}}}}, duration: 2{stated}}}\n"
+    )
+    (tmp_path / "blend.yaml").write_text(head + phases, encoding="utf-8")
+    task = assemble(str(tmp_path / "blend.yaml"), effects=None, rate=None, scale=1.0, arm=None)
+    controller, n = started(task), task.model.n
+    before = controller.cycle.modules.springs.stiffness[0].copy()
+    controller.next_phase(task.task.phases[1])
+    time, seen = 0.5 if blend is None else blend, []
+    for k in range(1, round(time / task.period) + 2):
+        controller.tick(RobotState(k * task.period, task.modules.posture, np.zeros(n), np.zeros(n)))
+        seen.append(controller.cycle.modules.springs.stiffness[0].copy())
+    goal = task.modules.arms[0].springs[0].in_world(np.diag([100.0, 100, 100, 5, 5, 5]))
+    middle = seen[round(0.5 * time / task.period) - 1]
+    np.testing.assert_allclose(middle, 0.5 * (before + goal), atol=1e-9)
+    np.testing.assert_allclose(seen[-1], goal, atol=1e-9)

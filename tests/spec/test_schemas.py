@@ -78,7 +78,7 @@ def test_the_fixture_every_key_has_every_key():
     others = ("slide-over-position", "hold-to-saddle", "hold-to-fouled-pipe")
     following = CHECKOUT / "tasks" / "follow-set-points.yaml"
     shipped = (CHECKOUT / "tasks" / "thesis" / f"{name}.yaml" for name in others)
-    neutral = CHECKOUT / "tasks" / "any-robot" / "stand-by.yaml"
+    neutral, blended = (CHECKOUT / "tasks" / "any-robot" / f"{n}.yaml" for n in ("stand-by", "stiffen-up"))
     data = (TESTS / "data" / f"{name}.yaml" for name in ("every-hinge-key", "hand-posture"))
-    paths = (neutral, EVERY_KEY, *data, following, *shipped)
+    paths = (neutral, blended, EVERY_KEY, *data, following, *shipped)
     assert known <= set().union(*(document_keys(yaml.safe_load(path.read_text())) for path in paths))
