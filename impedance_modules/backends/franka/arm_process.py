@@ -75,7 +75,7 @@ class ArmProcess:
         self._torque: TorqueCommand | None = None
         self._path: PathCommand | None = None
         self._errors = ""
-        self._quit = False
+        self._quit = self._own_torque = False
         self._answered = self._fresh = self._now = 0.0
 
     def connect(self, address: str, *, enforce: bool) -> None:
@@ -142,12 +142,21 @@ class ArmProcess:
             self._say(TextKind.ENDED, "halted on the way" if path.halted else "at the pose")
 
     def _listen(self, *, wait: bool) -> None:
-        """Takes all orders that have come; where ``wait``, gives the torque of this state a moment to come.
+        """Takes all orders that have come; where ``wait``, gives the torque of this very state a moment to come.
 
         By ``select``: a socket's own time-out is rounded up to the scheduler's ticks, which are as long as a cycle.
         """
-        if wait:
-            select.select([self.channel], [], [], self._answer)
+        deadline = time.monotonic() + self._answer
+        self._own_torque = False
+        self._take_orders()
+        while wait and not self._own_torque and not self._quit:
+            left = deadline - time.monotonic()
+            if left <= 0.0:
+                return
+            select.select([self.channel], [], [], left)
+            self._take_orders()
+
+    def _take_orders(self) -> None:
         while True:
             try:
                 message = self.channel.recv(LARGEST, socket.MSG_DONTWAIT)
@@ -162,7 +171,8 @@ class ArmProcess:
         if order.kind is OrderKind.TORQUE:
             if self._torque is not None:
                 self._torque.order(order.values, time.monotonic())
-                self._fresh = float(order.state == self._now)
+                self._own_torque = order.state == self._now
+                self._fresh = float(self._own_torque)
         elif order.kind is OrderKind.BEGIN:
             self._begin(order)
         elif order.kind is OrderKind.MOVE:
