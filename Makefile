@@ -20,10 +20,11 @@ lint: $(VENV)/develop.stamp
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-# The reference of all modules, from their docstrings; pdoc refuses a module that cannot be imported.
+# The reference of all modules, from their docstrings; pdoc refuses a module that cannot be imported. Nothing is drawn:
+# MuJoCo would look for a window by a program of its own, which pdoc does not let run.
 docs: $(VENV)/docs.stamp
 	@rm -rf out/docs
-	$(BIN)/python -m pdoc --docformat google --no-show-source -o out/docs impedance_modules impedance_experiments
+	MUJOCO_GL=disable $(BIN)/python -m pdoc --docformat google --no-show-source -o out/docs impedance_modules impedance_experiments
 	@echo "wrote out/docs/index.html"
 
 # Everything: all tests, mutants, experiments of the thesis. Stopped, it goes on when it is started again.
