@@ -114,12 +114,7 @@ def refuse_step(integrator: Integrator, shortest: float) -> None:
 def mode_bound(integrator: Integrator) -> float:
     """Bounds the modes of joints and grasps where the plant stands, without effects [rad/s]."""
     plant, mobility = integrator.plant, integrator.link_mobility()
-    joints, links = plant.joints, np.diag(mobility)
-    elastic = joints["kind"] == ELASTIC
-    rotors = np.where(elastic, 1.0 / np.where(elastic, joints["reflected_inertia"], 1.0), 0.0)
-    squared = float(joints["stiffness"][elastic] @ (links + rotors)[elastic])
-    damped = float(joints["spring_damping"][elastic] @ (links + rotors)[elastic])
-    damped += float(joints["motor_damping"] @ np.where(elastic, rotors, links))
+    squared, damped = _joint_traces(integrator)
     for hand, J in zip(plant.hands, plant.jacobian, strict=True):
         if hand["holds"]:
             at_object = carry(hand["rest_point"])
@@ -127,6 +122,21 @@ def mode_bound(integrator: Integrator) -> float:
             held = np.repeat([hand["linear_stiffness"], hand["angular_stiffness"]], 3) @ lightness
             squared += float(held)
             damped += GRASP_DAMPING_TIME * float(held)
+    return _bound(squared, damped)
+
+
+def _joint_traces(integrator: Integrator) -> tuple[float, float]:
+    """Gives tr(K M^-1) [1/s^2] and tr(C M^-1) [1/s] of the joints alone."""
+    joints, links = integrator.plant.joints, np.diag(integrator.link_mobility())
+    elastic = joints["kind"] == ELASTIC
+    rotors = np.where(elastic, 1.0 / np.where(elastic, joints["reflected_inertia"], 1.0), 0.0)
+    squared = float(joints["stiffness"][elastic] @ (links + rotors)[elastic])
+    damped = float(joints["spring_damping"][elastic] @ (links + rotors)[elastic])
+    return squared, damped + float(joints["motor_damping"] @ np.where(elastic, rotors, links))
+
+
+def _bound(squared: float, damped: float) -> float:
+    """The module's bound of all modes [rad/s]."""
     return 0.5 * damped + math.sqrt(0.25 * damped**2 + squared)
 
 
@@ -148,14 +158,18 @@ def _fastest_part(integrator: Integrator) -> StiffPart:
 
 
 def _joint_parts(integrator: Integrator) -> Iterator[StiffPart]:
-    """Gives the fastest mode of the plant where it stands to the joint, or the object, that moves most in it."""
+    """Gives the fastest mode of the plant where it stands to the joint that moves most in it, or to the object.
+
+    To the object where that moves most, or where the joints alone have no mode half as fast: then it is the grasp's.
+    """
     plant, n = integrator.plant, integrator.plant.n
     used, matrix = _linearised(integrator)
     modes, shapes = np.linalg.eig(matrix)
     fastest = int(np.argmax(np.abs(modes)))
     place = int(used[np.argmax(np.abs(shapes[:, fastest]))])
     mode = np.array([modes[fastest]], dtype=complex)
-    if place >= 4 * n:
+    of_grasp = bool(plant.body.present) and _bound(*_joint_traces(integrator)) < 0.5 * abs(modes[fastest])
+    if place >= 4 * n or of_grasp:
         yield StiffPart("object", 0, "the held object", mode)
         return
     joint, name = place % n, str(integrator.links.names[1 + place % n])

@@ -96,6 +96,7 @@ CALLS = {
         ("soft-hold", "--vary", f"{HOSTILE}=0:1", "--out", f / "o"),
         (hostile_task(f), "--vary", "a=0:1"),
     ],
+    "ik": lambda f: [hostile_task(f), hostile_file(f), HOSTILE],
     "roughness": lambda f: [hostile_file(f)],
     "robot": lambda f: [
         ("new", HOSTILE, "--urdf", hostile_file(f)),

@@ -35,7 +35,7 @@ MUTANTS = (
     (POINTS, "if change_cost(tank, potential) <= allowed:", "if True:"),
     (POINTS, "    admit(tank, potential)\n", ""),
     (POINTS, "force_from=np.zeros_like(force) if first", "force_from=force.copy() if first"),
-    (POINTS, "blend_time=BLENDING if first else min(BLENDING, motion.duration)", "blend_time=1e-9"),
+    (POINTS, "return min(BLENDING, duration) if blend is None else blend", "return 1e-9"),
     (CONTROLLER, "tank.spring_scale = given / tank.potential if given > 0.0 else 0.0", "tank.spring_scale = 1.0"),
     (CONTROLLER, "            self.cycle.tank.restore(self._before_gap)\n", "            pass\n"),
     (CONTACT, "return total - held.weight_on_hands", "return total + held.weight_on_hands"),

@@ -13,6 +13,7 @@ DAMPING = "impedance_modules/modules/damping.py"
 ROTATION = "impedance_modules/robot/rotation.py"
 COMPENSATION = "impedance_modules/modules/compensation.py"
 DESIRED = "impedance_modules/modules/equilibrium_velocity.py"
+TARGETS = "impedance_modules/modules/target_motion.py"
 WEIGHT = "impedance_modules/robot/weight_difference.py"
 COMPENSATOR = "impedance_modules/control/compensator.py"
 DISTANCES = "impedance_modules/robot/distances.py"
@@ -34,6 +35,7 @@ TESTS = {
     DAMPING: ("tests/modules/test_damping.py",),
     COMPENSATION: ("tests/modules/test_compensation.py",),
     DESIRED: ("tests/modules/test_compensation.py",),
+    TARGETS: ("tests/modules/test_compensation.py", "tests/modules/test_target_motion.py"),
     WEIGHT: ("tests/modules/test_compensation.py",),
     COMPENSATOR: ("tests/modules/test_compensation.py",),
     ROTATION: (*LAWS, "tests/robot/test_rotation.py"),
@@ -49,7 +51,7 @@ MUTANTS = (
     (COMPENSATION, "if velocity >= 0.0 else found.back", "if velocity < 0.0 else found.back"),
     (COMPENSATION, "+ found.per_load[j] * load", "- found.per_load[j] * load"),
     (DESIRED, "(bias.rest[j] - motion.rest[j]) / motion.period", "(bias.rest[j] - motion.rest[j])"),
-    (DESIRED, "turn -= springs.target_rotation[s, b, k]", "turn += springs.target_rotation[s, b, k]"),
+    (TARGETS, "turn -= rotation[b, k] * last", "turn += rotation[b, k] * last"),
     (DESIRED, "share = motion.period / (motion.lag[j] + motion.period)", "share = 1.0"),
     (DESIRED, "L[i, j] -= L[i, k] * L[j, k]", "L[i, j] -= 0.0 * L[i, k] * L[j, k]"),
     (WEIGHT, "self.bound - (float(potential) - self._middle)", "self.bound + (float(potential) - self._middle)"),

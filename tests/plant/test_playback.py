@@ -102,7 +102,7 @@ def short_task(folder: Path, **changes: str) -> Path:
     text = TASK.read_text()
     head = text[: text.index("environment:")]
     plane = "{surface: plane, height: -0.30, stiffness: 20000, damping: 100, friction: 0.2}"
-    phase = "{name: down, equilibrium: {right.hand: {z: -0.50}}, duration: 2}"
+    phase = "{name: down, equilibrium: {right.hand: {z: -0.50}}, beyond_reach: true, duration: 2}"
     play = f"playback: {{mode: {changes.get('mode', 'velocity')}, taught_on: []}}"
     text = f"{head}environment:\n  - {plane}\n{play}\nphases:\n  - {phase}\n"
     (folder / "down.yaml").write_text(text + changes.get("more", ""))

@@ -54,6 +54,7 @@ TABLE = {
     Event.OTHER_ARM: (StopLevel.DAMP, 0.5),
     Event.COLLISION: (StopLevel.HOLD, None),
     Event.CUFF: (StopLevel.HOLD, None),
+    Event.ROBOT_REFLEX: (StopLevel.HOLD, None),
     Event.TORQUE_REFUSED: (StopLevel.HOLD, None),
     Event.CONTROLLER_SILENT: (StopLevel.HOLD, None),
     Event.STATE_LOST: (StopLevel.HOLD, None),
