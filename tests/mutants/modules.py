@@ -72,7 +72,7 @@ MUTANTS = (
     (SPRING, "return abs(axis.force) / axis.speed_limit", "return abs(axis.force) * axis.speed_limit"),
     (BIAS, "total += 0.5 * bias.stiffness[j]", "total += bias.stiffness[j]"),
     (BIAS, "pull = scale * bias.stiffness[j] * (q[j] - bias.rest[j])", "pull = scale * bias.stiffness[j] * q[j]"),
-    (BIAS, "pull += bias.damping[j, k] * velocity[k]", "pull -= bias.damping[j, k] * velocity[k]"),
+    (BIAS, "pull += bias.damping[j, k] * (velocity[k] -", "pull -= bias.damping[j, k] * (velocity[k] -"),
     (BIAS, "bias.effort[bias.limb[j], j] -= pull", "bias.effort[bias.limb[j], j] += pull"),
     (BIAS, "bias.effort[bias.limb[j], j] -= pull", "bias.effort[0, j] -= pull"),
     (OBJECT, "loads.weight[h, i, k] * R_WO[2, k]", "loads.weight[h, i, k] * R_WO[k, 2]"),
