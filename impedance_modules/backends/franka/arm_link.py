@@ -56,6 +56,10 @@ class ArmLink:
         self.torque_ended = False
         self._stop: RobotStopped | None = None
         self._channel, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        # Said of both ends: another library in this process (rospy does) may have set a time-out for all new sockets,
+        # and then even MSG_DONTWAIT waits.
+        self._channel.setblocking(False)
+        theirs.setblocking(True)
         self._process = _start(address, theirs, watch, realtime=realtime)
         theirs.close()
 

@@ -52,6 +52,10 @@ class Ros2Link:
         self._refused = ""
         self._count = len(settings.names)
         self._channel, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        # Said of both ends: another library in this process (rospy does) may have set a time-out for all new sockets,
+        # and then even MSG_DONTWAIT waits.
+        self._channel.setblocking(False)
+        theirs.setblocking(True)
         try:
             self._process = subprocess.Popen(
                 [

@@ -80,3 +80,23 @@ def test_problems_of_a_connection_file_have_their_line(tmp_path) -> None:
         read_connection(path)
     text = str(found.value)
     assert f"{path}:3:" in text and f"{path}:4:" in text and f"{path}:5:" in text
+
+
+def test_taking_what_has_arrived_never_waits_whatever_time_out_other_libraries_set(monkeypatch) -> None:
+    """As rospy sets one for all new sockets: a robot that reports on and on would be listened to for ever."""
+    import socket
+
+    from impedance_modules.backends.franka import arm_link
+
+    kept = []
+    monkeypatch.setattr(
+        arm_link, "_start", lambda address, theirs, watch, *, realtime: kept.append(theirs.dup())
+    )
+    before = socket.getdefaulttimeout()
+    socket.setdefaulttimeout(60.0)
+    try:
+        link = arm_link.ArmLink("right", "127.0.0.1", None, realtime=False)
+    finally:
+        socket.setdefaulttimeout(before)
+    link.drain()
+    assert link.report is None and link.stop is None and link._channel.gettimeout() == 0.0
