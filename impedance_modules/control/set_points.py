@@ -31,7 +31,7 @@ from impedance_modules.control.equilibrium_following import (
 from impedance_modules.modules.arms import TaskModules
 from impedance_modules.modules.damping import Damping
 from impedance_modules.modules.equilibrium import EquilibriumMotion, PhaseMotion, place_equilibria
-from impedance_modules.modules.pose_motion import minimum_jerk
+from impedance_modules.modules.minimum_jerk import minimum_jerk
 from impedance_modules.modules.sum import Modules, joint_damping_matrix, potential_energy
 from impedance_modules.records import Array3, Flag, Matrix, Record, Scalar
 from impedance_modules.robot.kinematics import ArmGeometry

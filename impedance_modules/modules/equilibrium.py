@@ -19,12 +19,11 @@ from impedance_modules.compiled import compiled
 from impedance_modules.errors import BadInput, nearest
 from impedance_modules.modules.arms import TaskModules
 from impedance_modules.modules.held_object import OBJECT, HeldObject
+from impedance_modules.modules.minimum_jerk import minimum_jerk, minimum_jerk_slope
 from impedance_modules.modules.pose_motion import (
     PoseMotion,
     PoseMotions,
     lay_out_motions,
-    minimum_jerk,
-    minimum_jerk_slope,
     pose_motion,
     resting,
     write_pose,

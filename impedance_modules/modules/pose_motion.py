@@ -21,23 +21,11 @@ import numpy as np
 
 from impedance_modules.arrays import Array
 from impedance_modules.compiled import compiled
+from impedance_modules.modules.minimum_jerk import minimum_jerk, minimum_jerk_slope
 from impedance_modules.records import Array3, Indices, Matrix, Record
 from impedance_modules.robot.pose import Pose
 from impedance_modules.robot.rotation import compose, exp3, exponential, log3, log_jacobian
 from impedance_modules.spec.task import AXES, Coordinate, Sine
-
-
-@compiled
-def minimum_jerk(fraction: float) -> float:
-    """Goes smoothly from 0 at 0 to 1 at 1, s = 10 x^3 - 15 x^4 + 6 x^5; stays there outside."""
-    x = min(max(fraction, 0.0), 1.0)
-    return x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
-
-
-def minimum_jerk_slope(fraction: float) -> float:
-    """Gives ds/dx = 30 x^2 (1 - x)^2 of ``minimum_jerk``; 0 outside [0, 1]."""
-    x = min(max(fraction, 0.0), 1.0)
-    return 30.0 * x**2 * (1.0 - x) ** 2
 
 
 class PoseMotions(Record):

@@ -26,7 +26,7 @@ from impedance_modules.errors import BadFile
 from impedance_modules.modules.arms import TaskModules, with_phase_gains
 from impedance_modules.modules.damping import Damping, phase_damping
 from impedance_modules.modules.equilibrium import Equilibrium, PhaseMotion, phase_motion, start_equilibrium
-from impedance_modules.modules.pose_motion import minimum_jerk, minimum_jerk_slope
+from impedance_modules.modules.minimum_jerk import minimum_jerk, minimum_jerk_slope
 from impedance_modules.prediction.implicit_step import EquationOfMotion, ImplicitStep
 from impedance_modules.prediction.mechanism import Mechanism, Setting
 from impedance_modules.prediction.phase_end import ExternalForce, PhaseEnd

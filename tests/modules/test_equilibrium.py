@@ -11,7 +11,8 @@ import pytest
 from impedance_modules.errors import BadInput
 from impedance_modules.modules.arms import TaskModules, with_phase_gains
 from impedance_modules.modules.equilibrium import Equilibrium, PhaseMotion, phase_motion, start_equilibrium
-from impedance_modules.modules.pose_motion import minimum_jerk, minimum_jerk_slope, pose_motion
+from impedance_modules.modules.minimum_jerk import minimum_jerk, minimum_jerk_slope
+from impedance_modules.modules.pose_motion import pose_motion
 from impedance_modules.modules.spring import displacement_of
 from impedance_modules.robot.pose import Pose
 from impedance_modules.robot.rotation import exp3, log3

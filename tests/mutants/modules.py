@@ -7,6 +7,7 @@ BIAS = "impedance_modules/modules/joint_bias.py"
 OBJECT = "impedance_modules/modules/held_object.py"
 SUM = "impedance_modules/modules/sum.py"
 POSE = "impedance_modules/modules/pose_motion.py"
+JERK = "impedance_modules/modules/minimum_jerk.py"
 EQUILIBRIUM = "impedance_modules/modules/equilibrium.py"
 MOTOR = "impedance_modules/modules/motor_velocity.py"
 DAMPING = "impedance_modules/modules/damping.py"
@@ -30,6 +31,7 @@ TESTS = {
     OBJECT: (*LAWS, "tests/modules/test_build_modules.py", "tests/superposition/test_object_impedance.py"),
     SUM: LAWS,
     POSE: ("tests/modules/test_equilibrium.py", "tests/modules/test_module_sum.py"),
+    JERK: ("tests/modules/test_equilibrium.py",),
     EQUILIBRIUM: ("tests/modules/test_equilibrium.py", "tests/modules/test_module_sum.py"),
     MOTOR: ("tests/superposition/test_modes.py",),
     DAMPING: ("tests/modules/test_damping.py",),
@@ -85,7 +87,7 @@ MUTANTS = (
     (SUM, "energy = spring_energies(modules.springs, arms) + bias_energy(modules.bias, q)", "energy = spring_energies(modules.springs, arms)"),
     (SUM, "    object_efforts(modules.loads, arms)\n", ""),
     (SUM, "into.springs.force[s] = spring.axis_force()", "pass"),
-    (POSE, "10.0 - 15.0 * x + 6.0 * x**2", "10.0 - 15.0 * x + 5.0 * x**2"),
+    (JERK, "10.0 - 15.0 * x + 6.0 * x**2", "10.0 - 15.0 * x + 5.0 * x**2"),
     (POSE, "compose(motions.start_rotation[m], turn, product)", "compose(turn, motions.start_rotation[m], product)"),
     (POSE, "local[k] = start + s * (motions.goal[m, k] - start) + wave[k]", "local[k] = start + s * (motions.goal[m, k] - start)"),
     (POSE, "translation[k] += reference[k, j] * local[j]", "translation[k] += reference[j, k] * local[j]"),
