@@ -139,4 +139,5 @@ def _single_arm_phase(task: TaskSpec, phase: PhaseSpec, arm: str) -> PhaseSpec:
         axes={k: v for k, v in phase.axes.items() if k.startswith(own)},
         stiffness={k: v for k, v in phase.stiffness.items() if k.startswith(own)},
         listen=tuple(target for target in phase.listen if target.startswith(own)),
+        submovements={k: v for k, v in phase.submovements.items() if k.startswith(own)},
     )

@@ -239,7 +239,8 @@ def phase_motion(modules: TaskModules, phase: PhaseSpec, start: Equilibrium) -> 
             moved[HINGE] = _hinge_motion(modules.held, start, coordinates[ANGLE], phase.duration)
             continue
         reference, current = _coordinates_of(target, springs, start)
-        moved[target] = pose_motion(reference, current, coordinates, phase.duration)
+        added = phase.submovements.get(target, ())
+        moved[target] = pose_motion(reference, current, coordinates, phase.duration, added)
     # What set-points move rests in the phase's own motion.
     for target in phase.listen:
         moved[target] = resting(_coordinates_of(target, springs, start)[1])

@@ -8,6 +8,8 @@ minimum jerk s(\sigma), from 0 to 1 over the phase,
     p(\sigma) = p_0 + s (p_1 - p_0) + a sin(2 \pi f \sigma)
     R(\sigma) = R_0 exp(s log(R_0^T R_1))                             the shortest relative rotation, or
     R(\sigma) = exp(c_0 + s (c_1 - c_0) + a sin(2 \pi f \sigma))     where a rotation coordinate oscillates.
+
+Submovements add to both (``modules.submovements``).
 """
 
 from __future__ import annotations
@@ -22,9 +24,16 @@ import numpy as np
 from impedance_modules.arrays import Array
 from impedance_modules.compiled import compiled
 from impedance_modules.modules.minimum_jerk import minimum_jerk, minimum_jerk_slope
+from impedance_modules.modules.submovements import (
+    SubmovementTable,
+    added_twist,
+    lay_out_submovements,
+    write_displacement,
+)
 from impedance_modules.records import Array3, Indices, Matrix, Record
 from impedance_modules.robot.pose import Pose
 from impedance_modules.robot.rotation import compose, exp3, exponential, log3, log_jacobian
+from impedance_modules.spec.submovement_spec import Submovement
 from impedance_modules.spec.task import AXES, Coordinate, Sine
 
 
@@ -39,6 +48,7 @@ class PoseMotions(Record):
         relative_turn: (motions, 3) rotation vector from start to goal in the start's axes [rad].
         first_vector, last_vector: (motions, 3) rotation vectors at the ends [rad].
         along_vector: (motions,) 1 where a rotation coordinate oscillates, 0 elsewhere.
+        submovements: Those of each motion.
     """
 
     reference_rotation: Array3
@@ -52,6 +62,7 @@ class PoseMotions(Record):
     first_vector: Matrix
     last_vector: Matrix
     along_vector: Indices
+    submovements: SubmovementTable
 
 
 @compiled
@@ -59,13 +70,14 @@ def write_pose(
     motions: PoseMotions, m: int, s: float, clock: float, rotation: Array, translation: Array
 ) -> None:
     """Writes X_WT of motion ``m`` at minimum jerk ``s`` and ``clock`` [s] (the module's equations)."""
-    wave = np.empty(6)
+    wave, added = np.empty(6), np.empty(6)
+    write_displacement(motions.submovements, m, clock, added)
     for k in range(6):
         wave[k] = motions.amplitude[m, k] * math.sin(2.0 * math.pi * motions.frequency[m, k] * clock)
     local, vector = np.empty(3), np.empty(3)
     for k in range(3):
         start = motions.start_translation[m, k]
-        local[k] = start + s * (motions.goal[m, k] - start) + wave[k]
+        local[k] = start + s * (motions.goal[m, k] - start) + wave[k] + added[k]
     turn, reference = np.empty((3, 3)), motions.reference_rotation[m]
     if motions.along_vector[m] > 0:
         for k in range(3):
@@ -79,6 +91,10 @@ def write_pose(
         exponential(vector, turn)
         product = np.empty((3, 3))
         compose(motions.start_rotation[m], turn, product)
+        if motions.submovements.turns[m] > 0:
+            exponential(added[3:], turn)
+            compose(turn, product, rotation)
+            product[:, :] = rotation
         compose(reference, product, rotation)
     for k in range(3):
         translation[k] = motions.reference_translation[m, k]
@@ -96,6 +112,7 @@ class PoseMotion:
         goal: (6,) coordinates in E that the minimum jerk reaches; a sine's centre.
         amplitude, frequency: (6,) of each coordinate's sine [m or rad], [Hz]; 0 for none.
         duration: Of the minimum jerk [s].
+        submovements: That are added; none of them turns where a rotation coordinate oscillates.
     """
 
     reference: Pose
@@ -104,6 +121,7 @@ class PoseMotion:
     amplitude: Array
     frequency: Array
     duration: float
+    submovements: tuple[Submovement, ...] = ()
 
     def pose(self, clock: float) -> Pose:
         """Gives X_WT at ``clock`` seconds into the phase; the law is ``write_pose``."""
@@ -124,8 +142,9 @@ class PoseMotion:
             angular = np.linalg.solve(log_jacobian(first + s * (last - first) + wave[3:]), change)
         else:
             angular = self.start.rotation @ (slope / self.duration * self.relative_turn)
+        added, angular = added_twist(self.submovements, clock, np.asarray(angular))
         turn = self.reference.rotation
-        return np.concatenate([turn @ linear, turn @ angular])
+        return np.concatenate([turn @ (linear + added), turn @ angular])
 
     @cached_property
     def _alone(self) -> PoseMotions:
@@ -153,7 +172,11 @@ class PoseMotion:
 
 
 def pose_motion(
-    reference: Pose, current: Pose, coordinates: Mapping[str, Coordinate], duration: float
+    reference: Pose,
+    current: Pose,
+    coordinates: Mapping[str, Coordinate],
+    duration: float,
+    submovements: tuple[Submovement, ...] = (),
 ) -> PoseMotion:
     """Plans a motion from where an equilibrium is to the coordinates that a phase asks for.
 
@@ -162,6 +185,7 @@ def pose_motion(
         current: X_WT now.
         coordinates: Axis name -> absolute value in E, or ``Sine``; omitted axes keep their value.
         duration: Of the phase [s].
+        submovements: That are added.
     """
     start = reference.inverse() @ current
     goal = np.concatenate([start.translation, log3(start.rotation)])
@@ -174,7 +198,7 @@ def pose_motion(
                 goal[index] = coordinate.center
         else:
             goal[index] = coordinate
-    return PoseMotion(reference, start, goal, amplitude, frequency, duration)
+    return PoseMotion(reference, start, goal, amplitude, frequency, duration, submovements)
 
 
 def resting(pose: Pose) -> PoseMotion:
@@ -202,4 +226,5 @@ def lay_out_motions(motions: Sequence[PoseMotion]) -> PoseMotions:
         first_vector=rows([first for first, _ in ends], 3),
         last_vector=rows([last for _, last in ends], 3),
         along_vector=np.array([motion.turns_along_vector for motion in motions], dtype=np.int64),
+        submovements=lay_out_submovements([motion.submovements for motion in motions]),
     )

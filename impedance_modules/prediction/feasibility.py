@@ -30,6 +30,7 @@ from impedance_modules.prediction.reach import (
     reach_problems,
 )
 from impedance_modules.prediction.statics import Rest, find_rest
+from impedance_modules.spec.submovement_spec import SUBMOVEMENTS, too_short
 from impedance_modules.spec.task import Sine
 
 NAMED_SHARE = 0.05
@@ -60,10 +61,10 @@ class TaskPrediction:
 def refuse_infeasible(assembly: Assembly) -> TaskPrediction:
     """Refuses a task that cannot run as written; nothing has moved.
 
-    A torque loop of the robot's own that is not passive; a sine that the control rate cannot follow; hands or an object
-    so deep inside a surface at the start that it pushes harder than the joints can; a target out of reach; a torque
-    beyond a joint's limit, in motion or at rest; a tank that holds less than the task needs; a loop that is unstable at
-    this rate and delay, at a phase's rest or for too long on the way, unless the assembly allows it.
+    A torque loop of the robot's own that is not passive; a sine or a submovement that the control rate cannot follow;
+    hands or an object so deep inside a surface at the start that it pushes harder than the joints can; a target out of
+    reach; a torque beyond a joint's limit, in motion or at rest; a tank that holds less than the task needs; a loop
+    that is unstable at this rate and delay, at a phase's rest or for too long on the way, unless it is allowed.
 
     Returns:
         What was predicted.
@@ -73,7 +74,7 @@ def refuse_infeasible(assembly: Assembly) -> TaskPrediction:
     """
     mechanism = Mechanism(assembly)
     gain = [] if assembly.allow_unstable else beyond_passive_gain(assembly)
-    at_start = [*gain, *_sines_above_nyquist(assembly), *_pressed_at_start(assembly, mechanism)]
+    at_start = [*gain, *_beyond_the_rate(assembly), *_pressed_at_start(assembly, mechanism)]
     if at_start:
         raise BadFile(at_start)
     motion, rests, missed = _within_reach(assembly, mechanism)
@@ -112,10 +113,11 @@ def _refuse_missed(assembly: Assembly, missed: tuple[MissedTarget, ...]) -> None
         raise BadFile(problems)
 
 
-def _sines_above_nyquist(assembly: Assembly) -> Iterator[Problem]:
-    """Finds sines at or above half the rate that is used (Nyquist)."""
+def _beyond_the_rate(assembly: Assembly) -> Iterator[Problem]:
+    """Finds sines at or above half the rate that is used (Nyquist), and submovements too short for it."""
     highest = 0.5 * assembly.rate
     for index, phase in enumerate(assembly.task.phases):
+        yield from _short_submovements(assembly, index)
         for target, coordinates in phase.equilibrium.items():
             for axis, coordinate in coordinates.items():
                 if isinstance(coordinate, Sine) and coordinate.frequency >= highest:
@@ -123,6 +125,16 @@ def _sines_above_nyquist(assembly: Assembly) -> Iterator[Problem]:
                         ("phases", index, "equilibrium", target, axis, "sine", "frequency"),
                         f"{coordinate.frequency:g} Hz is not below half the control rate, {highest:g} Hz",
                     )
+
+
+def _short_submovements(assembly: Assembly, index: int) -> Iterator[Problem]:
+    """Finds a phase's submovements that are too short, where they stand in the file."""
+    document = assembly.task.document
+    for target in assembly.task.phases[index].submovements:
+        at = ("phases", index, "equilibrium", target, SUBMOVEMENTS)
+        for i, raw in enumerate(document.data["phases"][index]["equilibrium"][target][SUBMOVEMENTS]):
+            if (why := too_short(float(raw["duration"]), assembly.rate)) is not None:
+                yield document.problem((*at, i, "duration"), why)
 
 
 def _pressed_at_start(assembly: Assembly, mechanism: Mechanism) -> Iterator[Problem]:

@@ -47,6 +47,9 @@ STEPS = 200
 STEPS_PER_PERIOD = 32
 """Of an oscillation."""
 
+STEPS_PER_SUBMOVEMENT, FINEST_STEP = 16, 0.005
+"""Of a submovement, and the shortest step that one asks for [s]."""
+
 SETTLING = 3.0
 """Time after which a motion that only repeats itself is taken as periodic [s], or two of its periods."""
 
@@ -387,7 +390,11 @@ def plan_steps(phase: PhaseSpec, motion: PhaseMotion, *, whole: bool) -> StepPla
     if waves.size:
         step = min(step, 1.0 / (STEPS_PER_PERIOD * float(np.max(waves))))
         period = 1.0 / float(np.min(waves))
-    repeats_after = max(SETTLING, 2.0 * period) + period
+    moving = [part for moved in motion.moved.values() for part in moved.submovements if part.moves]
+    if moving:
+        shortest = min(part.duration for part in moving)
+        step = min(step, max(shortest / STEPS_PER_SUBMOVEMENT, FINEST_STEP))
+    repeats_after = max((part.end for part in moving), default=0.0) + max(SETTLING, 2.0 * period) + period
     if whole or phase.until is not None or _travels(motion) or phase.duration <= repeats_after:
         return StepPlan(step, phase.duration, 0.0, period)
     return StepPlan(step, repeats_after, phase.duration - repeats_after, period)

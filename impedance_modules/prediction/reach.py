@@ -217,8 +217,12 @@ def _free_directions(spring: Spring) -> tuple[Array | None, bool]:
 
 
 def _instants(phase: PhaseSpec) -> Array:
-    """Lists the clocks at which a phase's targets are looked at [s]: its end, or several where one oscillates."""
+    """Lists the clocks at which a phase's targets are looked at [s].
+
+    Its end; several where one oscillates, and where each submovement ends.
+    """
     waves = any(isinstance(c, Sine) for target in phase.equilibrium.values() for c in target.values())
-    return (
-        np.linspace(0.0, phase.duration, OSCILLATION_SAMPLES + 1)[1:] if waves else np.array([phase.duration])
-    )
+    if waves:
+        return np.linspace(0.0, phase.duration, OSCILLATION_SAMPLES + 1)[1:]
+    ends = {movement.end for movements in phase.submovements.values() for movement in movements}
+    return np.array(sorted({*(end for end in ends if end < phase.duration), phase.duration}))

@@ -242,6 +242,23 @@ def log_jacobian(rotation_vector: Array) -> Array:
     return np.eye(3) - 0.5 * phi + log_curvature(square) * (phi @ phi)
 
 
+def exponential_jacobian(rotation_vector: Array) -> Array:
+    r"""Gives how fast a body turns whose rotation vector changes, (3, 3): the left Jacobian of the exponential.
+
+    exp(\phi + \delta) = exp(J \delta) exp(\phi) + O(\delta^2), J = I + b [\phi] + c [\phi]^2 with
+    b = (1 - cos \theta) / \theta^2 and c = (\theta - sin \theta) / \theta^3. For any angle; up to half a turn it is
+    the inverse of ``log_jacobian``.
+    """
+    phi = skew(np.asarray(rotation_vector, dtype=float))
+    square = float(np.dot(rotation_vector, rotation_vector))
+    if square < SMALL_ANGLE * SMALL_ANGLE:
+        first, second = 0.5 - square / 24.0, 1.0 / 6.0 - square / 120.0
+    else:
+        angle = math.sqrt(square)
+        first, second = (1.0 - math.cos(angle)) / square, (angle - math.sin(angle)) / (square * angle)
+    return np.eye(3) + first * phi + second * (phi @ phi)
+
+
 def rotation_angle(rotations: Array) -> Array:
     r"""Gives the angle in [0, \pi] of each rotation of a stack (..., 3, 3), (...) [rad].
 

@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from impedance_modules.spec.hinge_spec import build_hinge
+from impedance_modules.spec.hinge_spec import ANGLE, build_hinge
+from impedance_modules.spec.submovement_spec import SUBMOVEMENTS, build_submovements
 from impedance_modules.spec.task import (
     AXES,
     WORLD,
@@ -205,11 +206,16 @@ def build_phase(raw: Raw, listened: tuple[str, ...] = ()) -> PhaseSpec:
         blend=_number(raw, "blend"),
         listen=listened if raw.get("listen", False) else (),
         beyond_reach=raw.get("beyond_reach", False),
+        submovements={
+            target: build_submovements(given[SUBMOVEMENTS])
+            for target, given in raw.get("equilibrium", {}).items()
+            if SUBMOVEMENTS in given
+        },
     )
 
 
 def _coordinates(raw: Raw) -> Mapping[str, Coordinate]:
-    return {axis: _coordinate(given) for axis, given in raw.items()}
+    return {axis: _coordinate(given) for axis, given in raw.items() if axis in (*AXES, ANGLE)}
 
 
 def _coordinate(raw: Any) -> Coordinate:

@@ -18,6 +18,7 @@ from impedance_modules.spec.check_springs import (
     springs_complete,
     undamped_axes,
 )
+from impedance_modules.spec.check_submovements import submovement_problems
 from impedance_modules.spec.hinge_spec import HINGE
 from impedance_modules.spec.task import SpringSpec
 from impedance_modules.spec.task_draft import DraftArm, TaskDraft, spring_names
@@ -33,6 +34,8 @@ def phase_problems(draft: TaskDraft, arms: Mapping[str, DraftArm]) -> Iterator[P
     for i in draft.count("phases"):
         at = ("phases", i)
         yield from _equilibrium_problems(draft, (*at, "equilibrium"), springs)
+        for target in draft.keys(*at, "equilibrium"):
+            yield from submovement_problems(draft, at, target)
         yield from _twice_moved_problems(draft, (*at, "equilibrium"), arms)
         yield from hinge_target_problems(draft, (*at, "equilibrium"), arms)
         yield from _posture_problems(draft, (*at, "posture"))
@@ -142,7 +145,7 @@ def _until_problems(draft: TaskDraft, at: KeyPath) -> Iterator[Problem]:
         yield draft.problem((*at, "until", "contact", "target"), missing, valid)
     yield from _smooth_problems(draft, (*at, "until", "smooth"))
     if draft.clean(*at, "until", "reached") and not _moves_somewhere(draft, (*at, "equilibrium")):
-        message = "nothing can be reached: the phase gives no equilibrium with a plain number"
+        message = "nothing can be reached: the phase gives no equilibrium with a plain number or submovements"
         yield draft.problem((*at, "until", "reached"), message, at="key")
 
 

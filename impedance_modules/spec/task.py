@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.spec.hinge_spec import HingeSpec
 from impedance_modules.spec.set_point_limits import SetPointLimits
+from impedance_modules.spec.submovement_spec import Submovement
 
 if TYPE_CHECKING:
     from impedance_modules.spec.document import Document
@@ -379,6 +380,7 @@ class PhaseSpec:
         blend: Time in which the gains come in [s]; None for half a second, or the whole of a shorter phase.
         listen: Targets whose equilibria follow set-points that arrive meanwhile; none for most phases.
         beyond_reach: Whether its targets may lie where no posture brings the frames: springs that only pull that way.
+        submovements: Target -> minimum-jerk displacements that are added to its coordinates.
     """
 
     name: str
@@ -392,6 +394,7 @@ class PhaseSpec:
     listen: tuple[str, ...] = ()
     blend: float | None = None
     beyond_reach: bool = False
+    submovements: Mapping[str, tuple[Submovement, ...]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

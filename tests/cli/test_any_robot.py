@@ -6,6 +6,7 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -23,6 +24,7 @@ from impedance_modules.spec.other_robot import on_robot
 from impedance_modules.spec.task_reader import read_task
 from tests.support.paths import CHECKOUT
 from tests.support.run_on_robot import run_on_robot as run
+from tests.support.shipped_runs import SAMPLES, watch
 
 FOLDER = CHECKOUT / "tasks" / "any-robot"
 NAMES = tuple(sorted(path.stem for path in FOLDER.glob("*.yaml")))
@@ -147,3 +149,17 @@ def test_check_and_analyze_take_the_option() -> None:
         assert "panda" in result.output
     checked = CliRunner().invoke(impedance, ["check", "stand-by", "--robot", "panda"], standalone_mode=False)
     assert "robot.yaml:" in checked.output and "is assumed; if it is wrong" in checked.output
+
+
+def test_a_target_that_jumps_bends_the_way_of_the_hand() -> None:
+    """Forwards first, then to the side without a stop in between, and it arrives where both submovements lead."""
+    watched = watch(FOLDER / "two-step-reach.yaml", duration=3.0)
+    assert watched.slowed == 0 and watched.headroom > 0.0
+    at = watched.seen("at right_hand")
+    moved = at - at[0]
+    early, arrived = moved[round(0.55 * SAMPLES)], moved[-1]
+    assert early[0] > 0.008 and abs(early[1]) < 0.002
+    assert np.linalg.norm(arrived - [0.06, -0.08, 0.06]) < 0.01
+    speed = np.linalg.norm(np.diff(at, axis=0), axis=1) * SAMPLES
+    under_way = speed[round(0.4 * SAMPLES) : round(1.5 * SAMPLES)]
+    assert np.min(under_way) > 0.3 * np.max(under_way), "it hesitates nowhere"

@@ -7,6 +7,7 @@ BIAS = "impedance_modules/modules/joint_bias.py"
 OBJECT = "impedance_modules/modules/held_object.py"
 SUM = "impedance_modules/modules/sum.py"
 POSE = "impedance_modules/modules/pose_motion.py"
+SUBMOVEMENTS = "impedance_modules/modules/submovements.py"
 JERK = "impedance_modules/modules/minimum_jerk.py"
 EQUILIBRIUM = "impedance_modules/modules/equilibrium.py"
 MOTOR = "impedance_modules/modules/motor_velocity.py"
@@ -30,7 +31,12 @@ TESTS = {
     BIAS: LAWS,
     OBJECT: (*LAWS, "tests/modules/test_build_modules.py", "tests/superposition/test_object_impedance.py"),
     SUM: LAWS,
-    POSE: ("tests/modules/test_equilibrium.py", "tests/modules/test_module_sum.py"),
+    POSE: (
+        "tests/modules/test_equilibrium.py",
+        "tests/modules/test_module_sum.py",
+        "tests/modules/test_submovements.py",
+    ),
+    SUBMOVEMENTS: ("tests/modules/test_submovements.py",),
     JERK: ("tests/modules/test_equilibrium.py",),
     EQUILIBRIUM: ("tests/modules/test_equilibrium.py", "tests/modules/test_module_sum.py"),
     MOTOR: ("tests/superposition/test_modes.py",),
@@ -87,6 +93,13 @@ MUTANTS = (
     (SUM, "energy = spring_energies(modules.springs, arms) + bias_energy(modules.bias, q)", "energy = spring_energies(modules.springs, arms)"),
     (SUM, "    object_efforts(modules.loads, arms)\n", ""),
     (SUM, "into.springs.force[s] = spring.axis_force()", "pass"),
+    (SUBMOVEMENTS, "minimum_jerk((clock - table.start[i]) / table.duration[i])", "minimum_jerk(clock / table.duration[i])"),
+    (SUBMOVEMENTS, "out[k] += part * table.by[i, k]", "out[k] = part * table.by[i, k]"),
+    (SUBMOVEMENTS, "for i in range(table.first[m], table.first[m + 1]):", "for i in range(table.first[m], table.first[m + 1] - 1):"),
+    (SUBMOVEMENTS, "found += slope * np.array(movement.by)", "found = slope * np.array(movement.by)"),
+    (SUBMOVEMENTS, "exponential_jacobian(turn) @ rate[3:] + exp3(turn) @ angular", "rate[3:] + exp3(turn) @ angular"),
+    (POSE, "+ wave[k] + added[k]", "+ wave[k]"),
+    (POSE, "            compose(turn, product, rotation)\n", "            compose(product, turn, rotation)\n"),
     (JERK, "10.0 - 15.0 * x + 6.0 * x**2", "10.0 - 15.0 * x + 5.0 * x**2"),
     (POSE, "compose(motions.start_rotation[m], turn, product)", "compose(turn, motions.start_rotation[m], product)"),
     (POSE, "local[k] = start + s * (motions.goal[m, k] - start) + wave[k]", "local[k] = start + s * (motions.goal[m, k] - start)"),

@@ -72,13 +72,15 @@ def document_keys(data):
 
 
 def test_the_fixture_every_key_has_every_key():
-    """Together with tasks that have what excludes something in it: playback, meshes, a hinge, set-points."""
+    """Together with tasks that have what excludes something in it: playback, meshes, set-points, submovements."""
     properties = [node.get("properties") for _, node in parts(load_schema("task"))]
     known = set().union(*(given for given in properties if isinstance(given, dict)))
     others = ("slide-over-position", "hold-to-saddle", "hold-to-fouled-pipe")
     following = CHECKOUT / "tasks" / "follow-set-points.yaml"
     shipped = (CHECKOUT / "tasks" / "thesis" / f"{name}.yaml" for name in others)
-    neutral, blended = (CHECKOUT / "tasks" / "any-robot" / f"{n}.yaml" for n in ("stand-by", "stiffen-up"))
+    neutral = (
+        CHECKOUT / "tasks" / "any-robot" / f"{n}.yaml" for n in ("stand-by", "stiffen-up", "two-step-reach")
+    )
     data = (TESTS / "data" / f"{name}.yaml" for name in ("every-hinge-key", "hand-posture"))
-    paths = (neutral, blended, EVERY_KEY, *data, following, *shipped)
+    paths = (*neutral, EVERY_KEY, *data, following, *shipped)
     assert known <= set().union(*(document_keys(yaml.safe_load(path.read_text())) for path in paths))
