@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from rich.box import SIMPLE
@@ -15,10 +15,11 @@ from rich.text import Text
 from impedance_modules.arrays import Array
 from impedance_modules.cli.terminal import Terminal, styled
 from impedance_modules.control.assembly import Assembly
-from impedance_modules.prediction.analysis import Analysis, FrameImpedance
+from impedance_modules.prediction.analysis import Analysis, CouplingOfHands, FrameImpedance, SpringState
 from impedance_modules.prediction.analysis_json import in_hertz, quaternion_of
 from impedance_modules.spec.task import AXES
 from impedance_modules.superposition.hinge_impedance import HingeImpedance
+from impedance_modules.superposition.modes import VibrationMode
 from impedance_modules.superposition.object_sum import ObjectSum
 from impedance_modules.superposition.operational_inertia import Ellipsoid, angular_ellipsoid, linear_ellipsoid
 
@@ -38,7 +39,11 @@ ELLIPSOID_UNITS = {
     "stiffness": ("N/m", "N.m"),
 }
 
-MORE = {"object": "of the object itself", "load": "by the load: lever arms that turn"}
+MORE = {
+    "object": "of the object itself",
+    "load": "by the load: lever arms that turn",
+    "between": "by springs between the hands",
+}
 """What adds up at the object besides its arms."""
 
 SLOWEST_MODES = 10
@@ -55,6 +60,12 @@ def print_analysis(assembly: Assembly, analysis: Analysis) -> None:
     for limb, frame_impedance in analysis.arms.items():
         console.rule(f"{limb}: {frame_impedance.frame}")
         _print_at_frame(console, frame_impedance)
+    for spring in analysis.between:
+        console.rule(f"between arms: {spring.name}")
+        _print_spring(console, spring)
+    for group in analysis.coupled:
+        console.rule(f"coupled: {' and '.join(group.limbs)}")
+        _print_coupling(console, group)
     if analysis.object is not None and analysis.sum is not None:
         console.rule("object: the arms' sum")
         _print_sum(console, analysis.sum)
@@ -94,7 +105,34 @@ def _print_at_frame(console: Console, frame_impedance: FrameImpedance) -> None:
     ]
     console.print(Columns(matrices))
     console.print(_ellipsoids(frame_impedance))
-    console.print("modes " + ", ".join(_modes(frame_impedance)), soft_wrap=True)
+    console.print("modes " + ", ".join(_modes(frame_impedance.modes)), soft_wrap=True)
+
+
+def _print_spring(console: Console, spring: SpringState) -> None:
+    first, second = spring.frames
+    console.print(f"from {second} to {first}, in axes that turn with both", soft_wrap=True)
+    turn = _vector(spring.stretch[3:])
+    console.print(
+        f"stretched by {_vector(spring.stretch[:3])} m, {turn} rad: {spring.energy:.4f} J", soft_wrap=True
+    )
+    console.print(f"exerts on {first} {_wrench(spring.wrench)}", soft_wrap=True)
+    pairs = (("stiffness", spring.stiffness), ("damping", spring.damping))
+    console.print(Columns([_matrix(name, dict(QUANTITIES)[name], matrix) for name, matrix in pairs]))
+
+
+def _print_coupling(console: Console, group: CouplingOfHands) -> None:
+    """Prints the blocks between different hands: what one feels where the other moves."""
+    if group.folds:
+        console.print(styled("[red]folds[/red]: the springs cannot hold the load; no stiffness is given"))
+    tables = []
+    for name, matrix in (("stiffness", group.stiffness), ("damping", group.damping)):
+        for i, first in enumerate(group.limbs if matrix is not None else ()):
+            for k, second in enumerate(group.limbs):
+                if i != k and matrix is not None:
+                    title = f"{name} of '{first}' by motions of '{second}'"
+                    tables.append(_matrix(title, dict(QUANTITIES)[name], matrix[i, k]))
+    console.print(Columns(tables))
+    console.print("modes together " + ", ".join(_modes(group.modes)), soft_wrap=True)
 
 
 def _print_sum(console: Console, found: ObjectSum) -> None:
@@ -193,8 +231,8 @@ def _axes(found: Ellipsoid, unit: str) -> tuple[str, str]:
     return f"{values} {unit}", _vector(found.directions[:, largest])
 
 
-def _modes(frame_impedance: FrameImpedance) -> Iterator[str]:
-    for mode in frame_impedance.modes[:SLOWEST_MODES]:
+def _modes(modes: Sequence[VibrationMode]) -> Iterator[str]:
+    for mode in modes[:SLOWEST_MODES]:
         if mode.damping_ratio is None:
             yield "free"
         else:

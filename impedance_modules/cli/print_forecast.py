@@ -85,6 +85,7 @@ def _rows(phase: PhaseForecast) -> list[tuple[str | Text, ...]]:
     ]
     if phase.object is not None:
         rows.append(("object", "", "", _yields(phase.object.deflection), _force(phase.object.contact_force)))
+    rows += [(name, "", "", _yields(stretched), "") for name, stretched in phase.between.items()]
     return rows
 
 

@@ -7,6 +7,7 @@ import math
 from dataclasses import replace
 
 from impedance_modules.errors import BadInput
+from impedance_modules.spec.between_spec import BetweenSpec
 from impedance_modules.spec.hinge_spec import HINGE
 from impedance_modules.spec.set_point_limits import SetPointLimits
 from impedance_modules.spec.task import (
@@ -46,6 +47,7 @@ def scaled(task: TaskSpec, scale: float) -> TaskSpec:
         arms={name: _scaled_arm(arm, scale) for name, arm in task.arms.items()},
         object=held,
         phases=tuple(_scaled_phase(phase, scale) for phase in task.phases),
+        between=tuple(_scaled_between(spring, scale) for spring in task.between),
     )
 
 
@@ -83,6 +85,15 @@ def _scaled_spring(spring: SpringSpec, scale: float) -> SpringSpec:
     )
 
 
+def _scaled_between(spring: BetweenSpec, scale: float) -> BetweenSpec:
+    return replace(
+        spring,
+        stiffness=spring.stiffness * scale,
+        damping=None if spring.damping is None else spring.damping * scale,
+        damping_ratio=_ratio(spring.damping_ratio, scale),
+    )
+
+
 def _scaled_phase(phase: PhaseSpec, scale: float) -> PhaseSpec:
     return replace(
         phase,
@@ -106,6 +117,11 @@ def single_arm(task: TaskSpec, arm: str) -> TaskSpec:
     if held is not None and set(held.held_by) != {arm}:
         holders = " and ".join(held.held_by)
         raise BadInput(f"--arm {arm}: {holders} hold the object of task '{task.name}' together")
+    for spring in task.between:
+        raise BadInput(
+            f"--arm {arm}: the spring '{spring.name}' of task '{task.name}' is between '{spring.first.limb}' and"
+            f" '{spring.second.limb}', one arm alone cannot stretch it (valid: the task with both arms)"
+        )
     phases = tuple(_single_arm_phase(task, phase, arm) for phase in task.phases)
     pushes = tuple(push for push in task.pushes if push.target in {arm, "object"})
     return replace(

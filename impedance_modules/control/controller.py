@@ -296,7 +296,7 @@ class Controller:
     def _begin(self, phase: PhaseSpec, modules: TaskModules, last: PhaseMotion | None) -> None:
         start = start_equilibrium(modules) if last is None else last.at(self.clock)
         if last is not None and self.following.active:
-            start = followed_equilibrium(start, self.following, self.cycle.modules.springs)
+            start = followed_equilibrium(start, self.following, self.cycle.modules)
         self.modules = with_phase_gains(modules, phase)
         self.motion = phase_motion(self.modules, phase, start)
         damping = phase_damping(self.modules, self.kinematics)

@@ -27,7 +27,7 @@ from impedance_modules.compiled import compiled
 from impedance_modules.modules.arms import TaskModules
 from impedance_modules.modules.equilibrium import Equilibrium, EquilibriumMotion, PhaseMotion
 from impedance_modules.modules.held_object import OBJECT
-from impedance_modules.modules.spring import Spring, Springs, displacement
+from impedance_modules.modules.spring import Spring, displacement
 from impedance_modules.modules.sum import Modules
 from impedance_modules.records import Array3, Flag, Indices, Matrix, Record, Scalar
 from impedance_modules.robot.pose import Pose
@@ -261,19 +261,19 @@ def follow_set_points(
     return following
 
 
-def followed_equilibrium(start: Equilibrium, following: Following, springs: Springs) -> Equilibrium:
+def followed_equilibrium(start: Equilibrium, following: Following, modules: Modules) -> Equilibrium:
     """Where the equilibria are when a phase that listened ends: those that followed have come to somewhere.
 
     Args:
         start: Where the phase's own motion has taken the others.
         following: Of the phase.
-        springs: In force.
+        modules: In force.
     """
     held = start.object
     for k in np.flatnonzero(following.spring < 0):
         held = Pose(following.rotation[k].copy(), following.translation[k].copy())
     in_force = {
-        name: Pose(springs.target_rotation[s].copy(), springs.target_translation[s].copy())
+        name: Pose(modules.equilibrium_rotation[s].copy(), modules.equilibrium_translation[s].copy())
         for s, name in enumerate(start.springs)
     }
     return Equilibrium(in_force, held, start.rests)

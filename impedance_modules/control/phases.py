@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from enum import Enum
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from impedance_modules.control.contact_detection import ContactJudge, HandWrenches
 from impedance_modules.control.controller import Controller
 from impedance_modules.control.roughness_detection import SmoothJudge
+from impedance_modules.modules.between_spring import springs_at
 from impedance_modules.modules.equilibrium import OBJECT_TARGETS, PhaseMotion
 from impedance_modules.robot.rotation import log3
 from impedance_modules.spec.task import ContactCondition, PhaseSpec, ReachedCondition, SmoothCondition
@@ -43,6 +45,7 @@ class ArrivalJudge:
         names = {name for name in motion.moved if name not in OBJECT_TARGETS} | set(motion.carried)
         springs = [spring for arm in self._controller.modules.arms for spring in arm.springs]
         self._springs = [spring for spring in springs if spring.name in names]
+        self._between = [spring for spring in self._controller.modules.between if spring.name in names]
 
     def met(self) -> bool:
         """Compares every moved frame with its goal; call once per look."""
@@ -50,20 +53,28 @@ class ArrivalJudge:
             self._begin(self._controller.motion)
         self._elapsed += self._period
         excess, met = -np.inf, True
-        for spring in self._springs:
-            pose = self._controller.kinematics.pose(spring.frame)
-            target = self._goal.springs[spring.name]
-            distance = float(np.linalg.norm(pose.translation - target.translation))
-            angle = float(np.linalg.norm(log3(pose.rotation @ target.rotation.T)))
+        for name, distance, angle in self._distances():
             met = met and distance <= self._condition.distance and angle <= self._condition.angle
             beyond = max(
                 distance / max(self._condition.distance, 1e-9), angle / max(self._condition.angle, 1e-9)
             )
             if beyond > excess:
-                excess, self._farthest = beyond, (spring.name, distance, angle)
+                excess, self._farthest = beyond, (name, distance, angle)
         if excess < self._nearest:
             self._nearest, self._nearest_at = excess, self._elapsed
         return met
+
+    def _distances(self) -> Iterator[tuple[str, float, float]]:
+        """Lists how far every moved target is from its goal: name, distance [m], angle [rad]."""
+        kinematics = self._controller.kinematics
+        for spring in self._springs:
+            pose, target = kinematics.pose(spring.frame), self._goal.springs[spring.name]
+            distance = float(np.linalg.norm(pose.translation - target.translation))
+            yield spring.name, distance, float(np.linalg.norm(log3(pose.rotation @ target.rotation.T)))
+        if self._between:
+            stretched = springs_at(self._between, kinematics, self._goal.springs).error
+            for joined, error in zip(self._between, stretched, strict=True):
+                yield joined.name, float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:]))
 
     def account(self) -> str:
         """Says how far the farthest frame is, what is asked for, and when all were nearest."""

@@ -57,6 +57,7 @@ class SetPoints(Record):
         damping_from, damping_to: (springs, 6, 6).
         force_from, force_to: (springs, 6) of the hybrid axes.
         joint_damping_from, joint_damping_to: (n, n).
+        between_from, between_to: (springs, 6, 6) dampers of the springs between arms, in their own axes.
         following: What follows set-points; inactive in a phase that does not listen.
     """
 
@@ -72,6 +73,8 @@ class SetPoints(Record):
     force_to: Matrix
     joint_damping_from: Matrix
     joint_damping_to: Matrix
+    between_from: Array3
+    between_to: Array3
     following: Following
 
 
@@ -107,6 +110,8 @@ def phase_set_points(
     dampers = np.array([damping.of_spring(spring) for spring in springs]).reshape(count, 6, 6)
     force = np.array([spring.axis_force() for spring in springs]).reshape(count, 6)
     joint_damping = joint_damping_matrix(modules, damping, now.desired.size)
+    relative = np.array([damping.of_between(spring) for spring in modules.between])
+    relative = relative.reshape(len(modules.between), 6, 6)
     biased = [arm.bias.joints for arm in modules.arms if arm.bias is not None]
     laid_out = motion.lay_out(np.concatenate([np.zeros(0, dtype=np.int64), *biased]))
     return SetPoints(
@@ -121,6 +126,8 @@ def phase_set_points(
         force_to=force,
         joint_damping_from=joint_damping.copy() if first else now.bias.damping.copy(),
         joint_damping_to=joint_damping,
+        between_from=relative.copy() if first else now.between.damping.copy(),
+        between_to=relative,
         following=following_nothing() if follow is None else follow(laid_out),
     )
 
@@ -129,9 +136,12 @@ def phase_set_points(
 def place(points: SetPoints, modules: Modules, clock: float) -> None:
     """Puts gains and equilibria in force as they are at a phase clock [s]."""
     blend_gains(points, modules, clock)
-    springs = modules.springs
     place_equilibria(
-        points.motion, clock, springs.target_rotation, springs.target_translation, modules.bias.rest
+        points.motion,
+        clock,
+        modules.equilibrium_rotation,
+        modules.equilibrium_translation,
+        modules.bias.rest,
     )
 
 
@@ -148,6 +158,7 @@ def blend_gains(points: SetPoints, modules: Modules, clock: float) -> None:
     _blend(
         points.joint_damping_from.ravel(), points.joint_damping_to.ravel(), part, modules.bias.damping.ravel()
     )
+    _blend(points.between_from.ravel(), points.between_to.ravel(), part, modules.between.damping.ravel())
     modules.loads.grip = points.grip_from + part * (1.0 - points.grip_from)
     points.blended = clock >= points.blend_time
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from impedance_modules.arrays import Array
 from impedance_modules.errors import BadFile, Problem
+from impedance_modules.modules.between_spring import BetweenSpring, build_between_spring
 from impedance_modules.modules.held_object import OBJECT, HeldObject, distance_to_surface
 from impedance_modules.modules.hinge import LEAST_LEVER, Hinge
 from impedance_modules.modules.joint_bias import JointBias
@@ -50,18 +51,21 @@ class TaskModules:
         arms: In the order of the task file.
         held: The object that arms hold; None for none.
         posture: (n,) q at the start [rad]; joints of limbs without a module are 0.
+        between: Springs between frames of two arms.
     """
 
     arms: tuple[ArmModule, ...]
     held: HeldObject | None
     posture: Array
+    between: tuple[BetweenSpring, ...] = ()
 
     @property
     def frames(self) -> tuple[str, ...]:
         """Frames whose pose and Jacobian a cycle needs: hands first, then other springs' frames."""
         hands = [arm.limb.hand for arm in self.arms]
         others = [spring.frame for arm in self.arms for spring in arm.springs]
-        return tuple(dict.fromkeys(hands + others))
+        joined = [frame for spring in self.between for frame in spring.frames]
+        return tuple(dict.fromkeys(hands + others + joined))
 
     def arm(self, limb: str) -> ArmModule:
         """Finds the module of a limb by name."""
@@ -97,7 +101,8 @@ def build_modules(task: TaskSpec, model: RobotModel) -> TaskModules:
     posture = model.position({name: arm.posture for name, arm in task.arms.items()})
     arms = tuple(_arm(arm, model, posture) for arm in task.arms.values())
     held = None if task.object is None else _held(task.object, arms, model, posture)
-    modules = TaskModules(arms, held, posture)
+    between = tuple(build_between_spring(spec, model, posture) for spec in task.between)
+    modules = TaskModules(arms, held, posture, between)
     if held is not None:
         problems = (
             _hand_problems(task, held) + _target_problems(task, held) + _axis_problems(task, held, model)

@@ -3,7 +3,8 @@ r"""The dampers of a whole task, fixed at the start of a phase: explicit ones, a
 
 Which springs are damped together (design 4, "Damping"): all springs of one frame share that frame's
 modes; the springs of all hands on a held object share the object's modes, with the object's summed
-stiffness and inertia; joint springs share the limb's joint-space modes.
+stiffness and inertia; joint springs share the limb's joint-space modes; springs between the same two frames
+share the modes of their relative motion, on the inertia of both arms.
 
 Damping from inertia and stiffness goes mode by mode: c = 2 \zeta \sqrt{k m}, in many dimensions. A mass M on springs K
 has modes K \Phi = M \Phi \Omega^2 with \Phi^T M \Phi = I. The damping that gives every mode its ratio is
@@ -13,17 +14,19 @@ D = M \Phi diag(2 \zeta \omega) \Phi^T M, always positive semidefinite.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.arrays import Array
 from impedance_modules.modules.arms import ArmModule, TaskModules
+from impedance_modules.modules.between_spring import BetweenSpring, relative_jacobian, springs_at
 from impedance_modules.modules.mobility import RANK_TOLERANCE, carry_mobility, mobility, parallel_sum
 from impedance_modules.modules.spring import Spring
 from impedance_modules.robot.kinematics import Kinematics
 from impedance_modules.robot.pose import carry
+from impedance_modules.spec.between_spec import FrameOfArm
 
 
 @dataclass(frozen=True)
@@ -33,12 +36,14 @@ class Damping:
     Attributes:
         spring_modal, spring_explicit: Spring name -> (6, 6), world axes at the spring's frame.
         joint_modal, joint_explicit: Limb name -> (k, k) over the limb's joints, for limbs with a bias.
+        between_modal: Spring between two arms -> (6, 6) in the spring's own axes.
     """
 
     spring_modal: Mapping[str, Array]
     spring_explicit: Mapping[str, Array]
     joint_modal: Mapping[str, Array]
     joint_explicit: Mapping[str, Array]
+    between_modal: Mapping[str, Array] = field(default_factory=dict)
 
     def of_spring(self, spring: Spring) -> Array:
         """Sums a spring's dampers, (6, 6) [N.s/m, N.m.s/rad]."""
@@ -47,6 +52,11 @@ class Damping:
     def of_joints(self, limb: str) -> Array:
         """Sums a limb's joint dampers, (k, k) [N.m.s/rad]."""
         return self.joint_modal[limb] + self.joint_explicit[limb]
+
+    def of_between(self, spring: BetweenSpring) -> Array:
+        """Sums the dampers of a spring between two arms, (6, 6) [N.s/m, N.m.s/rad]."""
+        modal, explicit = self.between_modal[spring.name], spring.spec.damping
+        return modal if explicit is None else modal + explicit
 
 
 def phase_damping(modules: TaskModules, kinematics: Kinematics) -> Damping:
@@ -68,7 +78,28 @@ def phase_damping(modules: TaskModules, kinematics: Kinematics) -> Damping:
         spring_explicit={spring.name: spring.in_world(spring.damping) for spring in springs},
         joint_modal={arm.limb.name: _joint_modal(arm, kinematics) for arm in biased},
         joint_explicit={arm.limb.name: np.diag(arm.bias.damping) for arm in biased if arm.bias is not None},
+        between_modal=_between_arms(modules, kinematics),
     )
+
+
+def _between_arms(modules: TaskModules, kinematics: Kinematics) -> dict[str, Array]:
+    """Damps springs between the same two frames, in the same axes, with the modes of that relative motion."""
+    rests = {spring.name: spring.start for spring in modules.between}
+    laid_out = springs_at(modules.between, kinematics, rests)
+    groups: dict[tuple[FrameOfArm | None, ...], list[int]] = {}
+    for place, spring in enumerate(modules.between):
+        key = spring.spec.first, spring.spec.second, spring.spec.expressed_in
+        groups.setdefault(key, []).append(place)
+    found = {}
+    for places in groups.values():
+        moves = relative_jacobian(laid_out, kinematics.arms, places[0])
+        specs = [modules.between[place].spec for place in places]
+        ratios = [spec.damping_ratio or 0.0 for spec in specs]
+        dampers = endpoint_damping(
+            [spec.stiffness for spec in specs], ratios, mobility(moves, kinematics.inverse_inertia)
+        )
+        found.update({spec.name: modal for spec, modal in zip(specs, dampers, strict=True)})
+    return found
 
 
 def _groups(modules: TaskModules, springs: Sequence[Spring]) -> list[list[Spring]]:

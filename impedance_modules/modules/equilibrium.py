@@ -18,6 +18,7 @@ from impedance_modules.arrays import Array
 from impedance_modules.compiled import compiled
 from impedance_modules.errors import BadInput, nearest
 from impedance_modules.modules.arms import TaskModules
+from impedance_modules.modules.between_spring import BetweenSpring
 from impedance_modules.modules.held_object import OBJECT, HeldObject
 from impedance_modules.modules.minimum_jerk import minimum_jerk, minimum_jerk_slope
 from impedance_modules.modules.pose_motion import (
@@ -46,7 +47,7 @@ class Equilibrium:
     """All equilibria at one instant.
 
     Attributes:
-        springs: Spring name -> X_WT.
+        springs: Spring name -> X_WT; then the springs between two arms, with the relative pose of their rest.
         object: X_WO that the object's target asks for; None without an object.
         rests: Limb name -> (k,) rest angles of its joint bias [rad].
     """
@@ -59,10 +60,15 @@ class Equilibrium:
 def start_equilibrium(modules: TaskModules) -> Equilibrium:
     """Puts every equilibrium where its frame is at the start posture: all springs relaxed."""
     return Equilibrium(
-        springs={spring.name: spring.start for arm in modules.arms for spring in arm.springs},
+        springs={spring.name: spring.start for spring in _all_springs(modules)},
         object=modules.held.start if modules.held is not None else None,
         rests={arm.limb.name: arm.bias.rest for arm in modules.arms if arm.bias is not None},
     )
+
+
+def _all_springs(modules: TaskModules) -> tuple[Spring | BetweenSpring, ...]:
+    """Springs of the arms, then those between arms: the order of all equilibria."""
+    return (*(spring for arm in modules.arms for spring in arm.springs), *modules.between)
 
 
 class EquilibriumMotion(Record):
@@ -232,7 +238,7 @@ def phase_motion(modules: TaskModules, phase: PhaseSpec, start: Equilibrium) -> 
     Raises:
         BadInput: A target does not exist.
     """
-    springs = {spring.name: spring for arm in modules.arms for spring in arm.springs}
+    springs = {spring.name: spring for spring in _all_springs(modules)}
     moved: dict[str, PoseMotion] = {}
     for target, coordinates in phase.equilibrium.items():
         if target == HINGE:
@@ -260,7 +266,9 @@ def _hinge_motion(
     return pose_motion(held.hinge.frame, start.object @ held.hinge.on_object, coordinates, duration)
 
 
-def _coordinates_of(target: str, springs: Mapping[str, Spring], start: Equilibrium) -> tuple[Pose, Pose]:
+def _coordinates_of(
+    target: str, springs: Mapping[str, Spring | BetweenSpring], start: Equilibrium
+) -> tuple[Pose, Pose]:
     """Finds the frame a target's coordinates count in, and where the target is now."""
     if target != OBJECT and target in springs:
         return springs[target].reference, start.springs[target]

@@ -2,7 +2,7 @@
 r"""The sum of all modules at one state: torque, energy, and who contributed what.
 
     \tau = \sum_springs J^T (w + F - D (V - V_d)) - K_j (q - q_0) - D_j (v - v_0)
-           + \sum_hands J^T (squeeze + weight) + \tau_c
+           + \sum_between J^T (w_A, w_B) + \sum_hands J^T (squeeze + weight) + \tau_c
 
 Nothing is inverted and nothing is projected: impedances add (thesis eq. 4.28).
 """
@@ -16,6 +16,12 @@ import numpy as np
 from impedance_modules.arrays import Array
 from impedance_modules.compiled import compiled
 from impedance_modules.modules.arms import TaskModules
+from impedance_modules.modules.between_spring import (
+    BetweenSprings,
+    between_efforts,
+    between_energies,
+    lay_out_between,
+)
 from impedance_modules.modules.compensation import (
     COMPENSATION,
     Compensation,
@@ -31,7 +37,7 @@ from impedance_modules.modules.joint_bias import JointSprings, bias_efforts, bia
 from impedance_modules.modules.own_module import OWN, OwnModule, OwnTorques, apply_own, own_torques
 from impedance_modules.modules.spring import Spring, Springs, spring_efforts, spring_energies
 from impedance_modules.modules.target_motion import TargetMotion, target_motion
-from impedance_modules.records import Matrix, Record, Vector
+from impedance_modules.records import Array3, Matrix, Record, Vector
 from impedance_modules.robot.kinematics import ArmGeometry
 from impedance_modules.spec.task import EQUILIBRIUM
 
@@ -41,17 +47,24 @@ class Modules(Record):
 
     Attributes:
         springs, bias, loads: Of every arm and of the object; their torques are rows of ``efforts``.
+        between: Springs between two arms, likewise.
+        equilibrium_rotation, equilibrium_translation: (springs + between, 3, 3), (springs + between, 3) where all of
+            them rest; ``springs`` and ``between`` have their rows of it [m].
         targets: How fast equilibria move, for dampers that count from them.
         own: Modules that somebody wrote in Python.
         compensation: Of what was diagnosed; inactive where nothing is to be compensated.
-        efforts: (springs + arms + 2, n) torque of every spring, every arm's joint bias, squeeze and weight, one row
-            more for each module of ``own``, and one for what is compensated, if anything is [N.m].
+        efforts: (springs + arms + 2 + between, n) torque of every spring, every arm's joint bias, squeeze and weight,
+            every spring between arms, one row more for each module of ``own``, and one for what is compensated, if
+            anything is [N.m].
         desired: (n,) their sum [N.m].
     """
 
     springs: Springs
     bias: JointSprings
     loads: ObjectLoads
+    between: BetweenSprings
+    equilibrium_rotation: Array3
+    equilibrium_translation: Matrix
     targets: TargetMotion
     own: OwnTorques
     compensation: Compensation
@@ -63,6 +76,7 @@ class Modules(Record):
 def potential_energy(modules: Modules, arms: ArmGeometry, q: Array) -> float:
     """Returns U of all springs, joint springs and compensated potentials as they are in force, undiminished [J]."""
     energy = spring_energies(modules.springs, arms) + bias_energy(modules.bias, q)
+    energy += between_energies(modules.between, arms)
     if modules.own.active:
         energy += modules.own.energy
     if modules.compensation.active:
@@ -84,6 +98,7 @@ def sum_modules(modules: Modules, arms: ArmGeometry, q: Array, velocity: Array, 
     energy = spring_efforts(modules.springs, arms, velocity, scale)
     energy += bias_efforts(modules.bias, arms, q, velocity, scale)
     object_efforts(modules.loads, arms)
+    energy += between_efforts(modules.between, arms, velocity, scale)
     if modules.own.active:
         energy += apply_own(modules.own, scale)
     added = modules.compensation
@@ -120,7 +135,10 @@ def lay_out(
     """
     springs = [spring for arm in modules.arms for spring in arm.springs]
     count, arms = len(springs), len(modules.arms)
-    known = count + arms + 2
+    between = count + arms + 2
+    known = between + len(modules.between)
+    rotation = np.zeros((count + len(modules.between), 3, 3))
+    translation = np.zeros((count + len(modules.between), 3))
     efforts = np.zeros((known + own + (0 if compensation is None else 1), n))
     stiffness, limb = np.zeros(n), np.zeros(n, dtype=np.int64)
     for number, arm in enumerate(modules.arms):
@@ -133,8 +151,8 @@ def lay_out(
             damping=np.zeros((count, 6, 6)),
             force=np.zeros((count, 6)),
             frame=np.array([modules.frames.index(spring.frame) for spring in springs], dtype=np.int64),
-            target_rotation=np.zeros((count, 3, 3)),
-            target_translation=np.zeros((count, 3)),
+            target_rotation=rotation[:count],
+            target_translation=translation[:count],
             target_twist=np.zeros((count, 6)),
             wrench=np.zeros((count, 6)),
             effort=efforts[:count],
@@ -148,6 +166,11 @@ def lay_out(
             effort=efforts[count : count + arms],
         ),
         loads=object_loads(modules.held, modules.frames, efforts[count + arms : count + arms + 2]),
+        between=lay_out_between(
+            modules.between, modules.frames, (rotation[count:], translation[count:]), efforts[between:known]
+        ),
+        equilibrium_rotation=rotation,
+        equilibrium_translation=translation,
         targets=_target_motion(modules, springs, n, period),
         own=own_torques(own, efforts[known : known + own]),
         compensation=no_compensation(n) if compensation is None else compensation,
@@ -169,7 +192,7 @@ def _target_motion(modules: TaskModules, springs: list[Spring], n: int, period: 
 def module_names(
     modules: TaskModules, own: Sequence[OwnModule] = (), *, compensated: bool = False
 ) -> tuple[str, ...]:
-    """Names the rows of ``Modules.efforts``: springs, joint biases, squeeze, weight, own modules, compensation."""
+    """Names the rows of ``Modules.efforts``, in their order."""
     springs = [spring.name for arm in modules.arms for spring in arm.springs]
     biases = [f"{arm.limb.name}.joint_bias" for arm in modules.arms]
     return (
@@ -177,6 +200,7 @@ def module_names(
         *biases,
         "squeeze",
         "weight",
+        *(spring.module for spring in modules.between),
         *(f"{OWN}{m.name}" for m in own),
         *([COMPENSATION] if compensated else []),
     )
@@ -190,6 +214,8 @@ def write_gains(into: Modules, modules: TaskModules, damping: Damping) -> None:
         into.springs.damping[s] = damping.of_spring(spring)
         into.springs.force[s] = spring.axis_force()
     into.bias.damping[:] = joint_damping_matrix(modules, damping, into.desired.size)
+    for s, between in enumerate(modules.between):
+        into.between.damping[s] = damping.of_between(between)
 
 
 def joint_damping_matrix(modules: TaskModules, damping: Damping, n: int) -> Array:
@@ -224,10 +250,10 @@ def write_target_motion(
 
 def write_equilibrium(into: Modules, modules: TaskModules, targets: Equilibrium) -> None:
     """Puts equilibria in force at once."""
-    springs = [spring for arm in modules.arms for spring in arm.springs]
-    for s, spring in enumerate(springs):
-        into.springs.target_rotation[s] = targets.springs[spring.name].rotation
-        into.springs.target_translation[s] = targets.springs[spring.name].translation
+    springs = [spring.name for arm in modules.arms for spring in arm.springs]
+    for s, name in enumerate([*springs, *(spring.name for spring in modules.between)]):
+        into.equilibrium_rotation[s] = targets.springs[name].rotation
+        into.equilibrium_translation[s] = targets.springs[name].translation
     for arm in modules.arms:
         if arm.bias is not None:
             into.bias.rest[arm.bias.joints] = targets.rests[arm.limb.name]

@@ -7,7 +7,7 @@ printed: no stiffness where an arm folds or its joint springs are singular, no i
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +15,8 @@ import numpy as np
 from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.errors import BadInput, nearest
+from impedance_modules.modules.arms import TaskModules
+from impedance_modules.modules.between_spring import springs_at
 from impedance_modules.modules.damping import phase_damping
 from impedance_modules.modules.equilibrium import start_equilibrium
 from impedance_modules.modules.held_object import OBJECT
@@ -24,6 +26,7 @@ from impedance_modules.prediction.quasi_static import predict_motion
 from impedance_modules.prediction.statics import Rest, analyse_state, find_rest
 from impedance_modules.robot.model import Limb
 from impedance_modules.superposition.arm_impedance import ArmImpedance
+from impedance_modules.superposition.coupled_arms import CoupledArms
 from impedance_modules.superposition.hinge_impedance import HingeImpedance, hinge_impedance
 from impedance_modules.superposition.modes import JointSpace, VibrationMode, natural_modes
 from impedance_modules.superposition.net_stiffness import net_stiffness
@@ -80,6 +83,47 @@ class FrameImpedance:
 
 
 @dataclass(frozen=True)
+class SpringState:
+    """A spring between two arms at one state.
+
+    Attributes:
+        name: Of the spring.
+        frames: The two it joins.
+        stretch: (6,) e, in its own axes [m, rad].
+        energy: Stored [J].
+        wrench: (6,) on its first frame, at that frame's origin in world axes; on the second it exerts the opposite
+            about the same point [N, N.m].
+        stiffness, damping: (6, 6) in its own axes.
+    """
+
+    name: str
+    frames: tuple[str, str]
+    stretch: Array
+    energy: float
+    wrench: Array
+    stiffness: Array
+    damping: Array
+
+
+@dataclass(frozen=True)
+class CouplingOfHands:
+    """How springs between arms couple their hands: what hand i feels where hand k moves, all other hands held still.
+
+    Attributes:
+        limbs: Of the hands.
+        stiffness, damping: (h, h, 6, 6) by hand i and hand k, world axes at the hands; None where they do not exist.
+        folds: The arms together do not return under their loads.
+        modes: Of all their joints together, slowest first, motor friction included.
+    """
+
+    limbs: tuple[str, ...]
+    stiffness: Array | None
+    damping: Array | None
+    folds: bool
+    modes: tuple[VibrationMode, ...]
+
+
+@dataclass(frozen=True)
 class Analysis:
     """A task at one state.
 
@@ -89,6 +133,9 @@ class Analysis:
         object: What they hold; None for nothing.
         sum: How the hands' impedances make the object's; None for nothing held.
         hinge: What a torque about the object's hinge meets; None without one.
+        between: Springs between two arms.
+        coupled: Groups of arms that these join and no object does. A hand of ``arms`` is told with all others of its
+            group held still.
     """
 
     phase: str | None
@@ -96,6 +143,8 @@ class Analysis:
     object: FrameImpedance | None
     sum: ObjectSum | None
     hinge: HingeImpedance | None = None
+    between: tuple[SpringState, ...] = ()
+    coupled: tuple[CouplingOfHands, ...] = ()
 
 
 def analyse_task(assembly: Assembly, phase: str | None) -> Analysis:
@@ -151,8 +200,10 @@ def _analysis(
         name: _pressed(_hand(mechanism, limbs[name], arm, q), pressure) for name, arm in state.arms.items()
     }
     held = state.held
+    between = tuple(_spring_states(mechanism, setting))
+    coupled = tuple(_coupling_of_hands(mechanism, modules, group) for group in state.coupled)
     if held is None or modules.held is None:
-        return Analysis(phase, arms, None, None)
+        return Analysis(phase, arms, None, None, between=between, coupled=coupled)
     holding, mirror = modules.held.limbs, assembly.robot.mirror
     at_object = _object(mechanism, [limbs[name] for name in holding], state.arms, held, q)
     own = modules.held.inertia(held.pose.rotation)
@@ -171,6 +222,41 @@ def _analysis(
             stiffness=at_object.stiffness,
         ),
         hinge=hinge_impedance(modules.held, held, hidden=at_object.stiffness is None),
+        between=between,
+        coupled=coupled,
+    )
+
+
+def _spring_states(mechanism: Mechanism, setting: Setting) -> Iterator[SpringState]:
+    """Tells every spring between two arms at the mechanism's state."""
+    springs = setting.modules.between
+    found = springs_at(springs, mechanism.kinematics, setting.targets.springs)
+    for s, spring in enumerate(springs):
+        error, K = found.error[s].copy(), spring.spec.stiffness
+        yield SpringState(
+            name=spring.name,
+            frames=spring.frames,
+            stretch=error,
+            energy=0.5 * float(error @ K @ error),
+            wrench=found.wrench[s, :6].copy(),
+            stiffness=K,
+            damping=setting.damping.of_between(spring),
+        )
+
+
+def _coupling_of_hands(mechanism: Mechanism, modules: TaskModules, group: CoupledArms) -> CouplingOfHands:
+    count = len(group.limbs)
+    joints = np.concatenate([modules.arm(limb).limb.joints for limb in group.limbs])
+
+    def blocks(matrix: Array | None) -> Array | None:
+        return None if matrix is None else matrix.reshape(count, 6, count, 6).transpose(0, 2, 1, 3)
+
+    return CouplingOfHands(
+        limbs=group.limbs,
+        stiffness=None if group.folds else blocks(group.stiffness),
+        damping=blocks(group.damping),
+        folds=group.folds,
+        modes=_modes(group.system, np.diag(mechanism.model.motor_damping[joints])),
     )
 
 
@@ -257,7 +343,10 @@ def _relaxed(arms: list[ArmImpedance], held: HeldImpedance) -> Array | None:
             return None
         relaxed = arm.stiffness_without_preload.stiffness
         hands.append(replace(hand, stiffness=relaxed, wrench=np.zeros(6), shared=np.zeros(6)))
-    return superpose(hands, None).stiffness
+    total = superpose(hands, None).stiffness
+    if held.coupling is None or total is None:
+        return total
+    return None if held.coupling.relaxed is None else total + held.coupling.relaxed
 
 
 def _modes(system: JointSpace, friction: Array) -> tuple[VibrationMode, ...]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from impedance_modules.arrays import Array
 from impedance_modules.errors import BadInput
-from impedance_modules.prediction.analysis import Analysis, FrameImpedance
+from impedance_modules.prediction.analysis import Analysis, CouplingOfHands, FrameImpedance, SpringState
 from impedance_modules.robot.rotation import write_quaternion
 from impedance_modules.superposition.hinge_impedance import HingeImpedance
 from impedance_modules.superposition.modes import VibrationMode
@@ -41,7 +41,7 @@ ELLIPSOIDS = ("inertia", "mobility", "stiffness")
 
 
 def analysis_json(analysis: Analysis) -> dict[str, Any]:
-    """Gives ``{"format": 1, "arms": {SIDE: X}, "object": X and the sum, or null}``."""
+    """Gives ``{"format": 1, "arms": {SIDE: X}, "object": X and the sum, or null}``, and springs between arms."""
     impedance, parts = analysis.object, analysis.sum
     at_object = None if impedance is None else _frame(impedance, analysis.phase)
     if at_object is not None and parts is not None:
@@ -52,6 +52,8 @@ def analysis_json(analysis: Analysis) -> dict[str, Any]:
         "format": 1,
         "arms": {limb: _frame(found, analysis.phase) for limb, found in analysis.arms.items()},
         "object": at_object,
+        **({"between": [_between(spring) for spring in analysis.between]} if analysis.between else {}),
+        **({"coupled": [_coupled(group) for group in analysis.coupled]} if analysis.coupled else {}),
     }
 
 
@@ -98,6 +100,38 @@ def _frame(impedance: FrameImpedance, phase: str | None) -> dict[str, Any]:
     ]
     found.update({"folds": impedance.folds, "phase": phase})
     return found
+
+
+def _between(spring: SpringState) -> dict[str, Any]:
+    return {
+        "name": spring.name,
+        "frames": list(spring.frames),
+        "stretch": spring.stretch.tolist(),
+        "energy": spring.energy,
+        "wrench": spring.wrench.tolist(),
+        "stiffness": spring.stiffness.tolist(),
+        "damping": spring.damping.tolist(),
+    }
+
+
+def _coupled(group: CouplingOfHands) -> dict[str, Any]:
+    """Blocks by the limb that feels and the limb that moves."""
+
+    def blocks(matrix: Array | None) -> dict[str, dict[str, Any]] | None:
+        if matrix is None:
+            return None
+        return {
+            first: {second: matrix[i, k].tolist() for k, second in enumerate(group.limbs)}
+            for i, first in enumerate(group.limbs)
+        }
+
+    return {
+        "arms": list(group.limbs),
+        "stiffness": blocks(group.stiffness),
+        "damping": blocks(group.damping),
+        "folds": group.folds,
+        "modes": [{"frequency": in_hertz(mode), "damping_ratio": mode.damping_ratio} for mode in group.modes],
+    }
 
 
 def _sum(parts: ObjectSum) -> dict[str, Any]:

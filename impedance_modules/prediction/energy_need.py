@@ -147,7 +147,8 @@ def _sensing_along(assembly: Assembly, mechanism: Mechanism, motion: MotionPredi
     variance = energy = 0.0
     for phase in motion.phases:
         mechanism.update(phase.q, np.zeros_like(phase.q))
-        rate = _sensing_rate(assembly, mechanism.joints, *mechanism.gains(phase.modules, phase.damping))
+        gains = mechanism.gains(phase.modules, phase.damping, phase.equilibrium)
+        rate = _sensing_rate(assembly, mechanism.joints, *gains)
         torque_noise[phase.samples] = rate.torque_noise
         for index in range(phase.samples.start, phase.samples.stop):
             since = motion.samples[index].time - phase.began

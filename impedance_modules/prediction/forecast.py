@@ -8,12 +8,13 @@ whether the sampled loop is stable. Of the whole task: the energy that its tank 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import Assembly
+from impedance_modules.modules.between_spring import springs_at
 from impedance_modules.modules.equilibrium import Equilibrium
 from impedance_modules.modules.held_object import OBJECT
 from impedance_modules.modules.spring import displacement_of
@@ -139,6 +140,7 @@ class PhaseForecast:
         loops: Stability of every loop with this phase's gains.
         folds: Arms (or ``object``) that would fold at rest.
         slow: Where the rest is far off in time; None where it is not, or where there is none.
+        between: Spring between two arms -> how far it is stretched at rest; empty without a rest.
     """
 
     predicted: PredictedPhase
@@ -149,6 +151,7 @@ class PhaseForecast:
     loops: tuple[StabilityForecast, ...]
     folds: tuple[str, ...]
     slow: SlowRest | None
+    between: Mapping[str, Deflection] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -238,6 +241,9 @@ def _forecast_phase(
     """Sums up one phase."""
     modules, state = phase.modules, judged.state
     folds = [limb for limb, arm in state.arms.items() if arm.stiffness.folds]
+    joined = {limb for group in state.coupled for limb in group.limbs}
+    folds = [limb for limb in folds if limb not in joined]
+    folds += [group.name for group in state.coupled if group.folds]
     held = state.held
     if held is not None and modules.held is not None:
         # Between the hands of one object an arm is held: what counts is whether the whole folds.
@@ -251,7 +257,16 @@ def _forecast_phase(
         loops=judged.loops,
         folds=() if rest is None else tuple(folds),
         slow=None if rest is None else _slow_rest(mechanism, phase, rest),
+        between={} if rest is None else _stretches(mechanism, phase, rest),
     )
+
+
+def _stretches(mechanism: Mechanism, phase: PredictedPhase, rest: Rest) -> dict[str, Deflection]:
+    """Gives how far each spring between two arms is stretched at rest."""
+    mechanism.update(rest.q, np.zeros_like(rest.q))
+    springs = phase.modules.between
+    found = springs_at(springs, mechanism.kinematics, phase.equilibrium.springs)
+    return {spring.name: _deflection(found.error[s]) for s, spring in enumerate(springs)}
 
 
 def _forecast_hinge(

@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Whether the sampled loop around elastic joints is stable, how its least damped mode decays, how stiff a hand may be.
 
-Arms that hold one object together are one system; every other arm is its own. The prediction is for motion without
-contact: surfaces are not in it, and neither are the arms' own gravity and its compensation, which cancel.
+Arms that hold one object together are one system, and so are arms that springs join; every other arm is its own. The
+prediction is for motion without contact: surfaces are not in it, and neither are the arms' own gravity and its
+compensation, which cancel.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,7 @@ from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.modules.arms import TaskModules
 from impedance_modules.superposition.arm_impedance import ArmImpedance
+from impedance_modules.superposition.coupled_arms import CoupledArms
 from impedance_modules.superposition.elastic_joints import (
     SampledArm,
     drives_of,
@@ -45,7 +47,7 @@ class StabilityForecast:
     """The loop of one arm, or of the arms that hold the object.
 
     Attributes:
-        name: Of the arm, or ``object``.
+        name: Of the arm, ``object``, or the names of arms that springs join.
         growth: Spectral radius of one period; below 1 is stable.
         oscillating_growth: The same without motions that grow without swinging: an arm that folds, at any rate.
         frequency: Of the least damped mode [Hz]; None where nothing swings.
@@ -86,26 +88,42 @@ class _Loop:
 
 
 def forecast_stability(
-    assembly: Assembly, modules: TaskModules, arms: Mapping[str, ArmImpedance], held: HeldImpedance | None
+    assembly: Assembly,
+    modules: TaskModules,
+    arms: Mapping[str, ArmImpedance],
+    held: HeldImpedance | None,
+    coupled: Sequence[CoupledArms] = (),
 ) -> tuple[StabilityForecast, ...]:
-    """Predicts the loops of all arms with one phase's gains at one state."""
-    return tuple(_forecast(loop) for loop in _loops(assembly, modules, arms, held))
+    """Predicts the loops of all arms with one phase's gains at one state; ``coupled`` arms make one loop together."""
+    return tuple(_forecast(loop) for loop in _loops(assembly, modules, arms, held, coupled))
 
 
 def loop_growths(
-    assembly: Assembly, modules: TaskModules, arms: Mapping[str, ArmImpedance], held: HeldImpedance | None
+    assembly: Assembly,
+    modules: TaskModules,
+    arms: Mapping[str, ArmImpedance],
+    held: HeldImpedance | None,
+    coupled: Sequence[CoupledArms] = (),
 ) -> tuple[float, ...]:
     """Gives only the growth per period of each loop's fastest growing oscillation, in the same order."""
-    return tuple(oscillating_growth(loop.plant, loop.gains) for loop in _loops(assembly, modules, arms, held))
+    loops = _loops(assembly, modules, arms, held, coupled)
+    return tuple(oscillating_growth(loop.plant, loop.gains) for loop in loops)
 
 
 def _loops(
-    assembly: Assembly, modules: TaskModules, arms: Mapping[str, ArmImpedance], held: HeldImpedance | None
+    assembly: Assembly,
+    modules: TaskModules,
+    arms: Mapping[str, ArmImpedance],
+    held: HeldImpedance | None,
+    coupled: Sequence[CoupledArms],
 ) -> Iterator[_Loop]:
     grouped: tuple[str, ...] = ()
     if held is not None and modules.held is not None:
         grouped = modules.held.limbs
         yield _object_loop(assembly, modules, [arms[limb] for limb in grouped], held)
+    for group in coupled:
+        grouped = (*grouped, *group.limbs)
+        yield _coupled_loop(assembly, modules, group)
     for arm in modules.arms:
         if arm.limb.name not in grouped:
             own = arms[arm.limb.name]
@@ -117,6 +135,24 @@ def _loops(
                 None,
             )
             yield _Loop(arm.limb.name, plant, own.fixed, own.scaled, _stiffest(modules, arm.limb.name))
+
+
+def _coupled_loop(assembly: Assembly, modules: TaskModules, group: CoupledArms) -> _Loop:
+    joints = np.concatenate([modules.arm(limb).limb.joints for limb in group.limbs])
+    plant = sampled_arm(
+        group.system.inertia,
+        drives_of(assembly.model, joints),
+        sampling_of(assembly.robot, assembly.rate, True),
+        None,
+        None,
+    )
+    between = [
+        float(np.linalg.eigvalsh(spring.spec.stiffness[:3, :3])[-1])
+        for spring in modules.between
+        if spring.limbs[0] in group.limbs
+    ]
+    stiffest = max([_stiffest(modules, limb) for limb in group.limbs] + between)
+    return _Loop(group.name, plant, group.fixed, group.scaled, stiffest)
 
 
 def _object_loop(
@@ -136,6 +172,9 @@ def _object_loop(
     )
     stiffest = max(_stiffest(modules, arm.limb) for arm in holding)
     fixed, scaled = _stacked([arm.fixed for arm in holding]), _stacked([arm.scaled for arm in holding])
+    if held.coupling is not None:
+        joined = held.coupling
+        fixed = Gains(fixed.stiffness + joined.joint_stiffness, fixed.damping + joined.joint_damping)
     return _Loop("object", plant, fixed, scaled, stiffest)
 
 

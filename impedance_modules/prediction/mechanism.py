@@ -16,6 +16,7 @@ import numpy as np
 from impedance_modules.arrays import Array
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.modules.arms import TaskModules
+from impedance_modules.modules.between_spring import relative_jacobian, springs_at
 from impedance_modules.modules.damping import Damping
 from impedance_modules.modules.equilibrium import Equilibrium, PhaseMotion
 from impedance_modules.modules.held_object import HeldObject
@@ -116,8 +117,13 @@ class Mechanism:
             self._inertia = np.asarray(0.5 * (found + found.T))
         return self._inertia
 
-    def gains(self, modules: TaskModules, damping: Damping) -> tuple[Array, Array]:
-        """Gives the declared stiffness and damping of all modules in joint space, (k, k) each."""
+    def gains(
+        self, modules: TaskModules, damping: Damping, targets: Equilibrium | None = None
+    ) -> tuple[Array, Array]:
+        """Gives the declared stiffness and damping of all modules in joint space, (k, k) each.
+
+        ``targets`` are the rests of springs between arms; None for their first ones.
+        """
         stiffness, dampers = np.zeros((self.k, self.k)), np.zeros((self.k, self.k))
         for arm in modules.arms:
             part = self.parts[arm.limb.name]
@@ -128,7 +134,17 @@ class Mechanism:
                 J = self.jacobian(spring.frame)[:, part]
                 stiffness[part, part] += J.T @ spring.world_stiffness @ J
                 dampers[part, part] += J.T @ damping.of_spring(spring) @ J
+        for between, J in zip(modules.between, self.relative_jacobians(modules, targets), strict=True):
+            stiffness += J.T @ between.spec.stiffness @ J
+            dampers += J.T @ damping.of_between(between) @ J
         return stiffness, dampers
+
+    def relative_jacobians(self, modules: TaskModules, targets: Equilibrium | None = None) -> list[Array]:
+        """Gives G J of every spring between arms over the stacked joints, (6, k) each."""
+        rests = {spring.name: spring.start for spring in modules.between}
+        found = springs_at(modules.between, self.kinematics, rests if targets is None else targets.springs)
+        arms = self.kinematics.arms
+        return [relative_jacobian(found, arms, s)[:, self.joints] for s in range(len(modules.between))]
 
     def module_efforts(
         self, setting: Setting, q: Array, v: Array, *, force_share: float = 1.0

@@ -70,7 +70,7 @@ def passage_problems(assembly: Assembly, mechanism: Mechanism, motion: MotionPre
     for passage in find_passages(assembly, mechanism, motion):
         phase = motion.phases[passage.phase]
         state = _state(mechanism, phase, passage.fastest)
-        loops = forecast_stability(assembly, phase.modules, state.arms, state.held)
+        loops = forecast_stability(assembly, phase.modules, state.arms, state.held, state.coupled)
         loop = loops[passage.number]
         yield assembly.task.document.problem(
             springs_of_loop(assembly, passage.phase, loop.name),
@@ -115,5 +115,7 @@ class _Growths:
         key = gains_key(phase), np.round(sample.q / SAME_POSTURE).tobytes()
         if key not in self._known:
             state = _state(self._mechanism, phase, sample)
-            self._known[key] = loop_growths(self._assembly, phase.modules, state.arms, state.held)
+            self._known[key] = loop_growths(
+                self._assembly, phase.modules, state.arms, state.held, state.coupled
+            )
         return self._known[key]

@@ -12,6 +12,7 @@ import numpy as np
 from impedance_modules.arrays import Array
 from impedance_modules.control.contact_detection import REGULARISATION
 from impedance_modules.modules.arms import ArmModule
+from impedance_modules.modules.between_spring import springs_at
 from impedance_modules.modules.equilibrium import OBJECT_TARGETS, PhaseMotion
 from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.robot.pose import Pose
@@ -95,7 +96,11 @@ class PhaseEnd:
                 near = float(np.linalg.norm(pose.translation - goal.translation)) <= until.distance
                 if not (near and float(np.linalg.norm(turn)) <= until.angle):
                     return False
-        return True
+        moved = [spring for spring in self._mechanism.modules.between if spring.name in self._goals]
+        stretched = springs_at(moved, self._mechanism.kinematics, self._goals).error
+        far = np.linalg.norm(stretched[:, :3], axis=1) > until.distance
+        turned = np.linalg.norm(stretched[:, 3:], axis=1) > until.angle
+        return not bool(np.any(far | turned))
 
 
 def _goals(motion: PhaseMotion) -> dict[str, Pose]:

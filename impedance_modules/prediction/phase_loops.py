@@ -44,14 +44,14 @@ def judge_loops(
     worst: dict[bytes, tuple[float, int, Analysed]] = {}
     for index, (phase, rest) in enumerate(zip(motion.phases, rests, strict=True)):
         state = analyse_state(mechanism, phase.setting, phase.q if rest is None else rest.q)
-        growth = max(loop_growths(assembly, phase.modules, state.arms, state.held))
+        growth = max(loop_growths(assembly, phase.modules, state.arms, state.held, state.coupled))
         if gains_key(phase) not in worst or growth > worst[gains_key(phase)][0]:
             worst[gains_key(phase)] = growth, index, state
     shared = {
         key: PhaseLoops(
             index,
             state,
-            forecast_stability(assembly, motion.phases[index].modules, state.arms, state.held),
+            forecast_stability(assembly, motion.phases[index].modules, state.arms, state.held, state.coupled),
         )
         for key, (_, index, state) in worst.items()
     }
@@ -85,6 +85,8 @@ def unstable_loops(
 def springs_of_loop(assembly: Assembly, phase: int, loop: str) -> tuple[str | int, ...]:
     """Finds the task's springs that make a loop: those of the phase, where it changes them, or those of an arm."""
     held = assembly.task.object
+    if loop not in (OBJECT, *assembly.task.arms):
+        return ("between",)
     limbs = held.held_by if loop == OBJECT and held is not None else (loop,)
     for number in range(phase, -1, -1):
         if any(target.split(".")[0] in limbs for target in assembly.task.phases[number].stiffness):
@@ -126,7 +128,7 @@ def _stable_rate(assembly: Assembly, phase: PredictedPhase, state: Analysed, num
 
     def stable(rate: float) -> bool:
         faster = replace(assembly, rate=rate)
-        return forecast_stability(faster, phase.modules, state.arms, state.held)[number].stable
+        return forecast_stability(faster, phase.modules, state.arms, state.held, state.coupled)[number].stable
 
     highest = assembly.robot.timing.rate_max
     low, high = assembly.rate, min(RATE_STEP * assembly.rate, highest)

@@ -243,7 +243,7 @@ class _Integration:
         drift = _effort_rate(mechanism, phase.modules, phase.motion, clock + 0.5 * ahead)
         drift += _damping_rate(mechanism, phase, clock, ahead)
         effort, bias = self.samples[-1].effort[joints] + ahead * drift, mechanism.kinematics.bias[joints]
-        stiffness, dampers = mechanism.gains(phase.modules, phase.damping)
+        stiffness, dampers = mechanism.gains(phase.modules, phase.damping, phase.motion.at(clock))
         now = EquationOfMotion(
             inertia=mechanism.inertia(),
             stiffness=stiffness,
@@ -345,6 +345,10 @@ def _effort_rate(mechanism: Mechanism, modules: TaskModules, motion: PhaseMotion
             if np.any(twists[spring.name]):
                 pull = spring.world_stiffness @ twists[spring.name]
                 found += mechanism.jacobian(spring.frame).T @ pull
+    if any(spring.name in motion.moved for spring in modules.between):
+        jacobians = mechanism.relative_jacobians(modules, motion.at(clock))
+        for between, J in zip(modules.between, jacobians, strict=True):
+            found += J.T @ between.spec.stiffness @ twists[between.name]
     return found
 
 

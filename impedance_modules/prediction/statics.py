@@ -29,6 +29,13 @@ from impedance_modules.prediction.contact_geometry import Contact
 from impedance_modules.prediction.hinge_resistance import AxisLoad, HingeResistance
 from impedance_modules.prediction.mechanism import Mechanism, Setting
 from impedance_modules.superposition.arm_impedance import ArmImpedance, arm_impedance
+from impedance_modules.superposition.coupled_arms import (
+    CoupledArms,
+    JointCoupling,
+    across,
+    couple_arms,
+    joint_coupling,
+)
 from impedance_modules.superposition.object_impedance import (
     HeldImpedance,
     bearing_turns,
@@ -101,10 +108,19 @@ SURROUNDINGS = Loads({}, True)
 
 @dataclass(frozen=True)
 class Analysed:
-    """Arms and object at one state: limb name -> arm, and the object or None."""
+    """Arms and object at one state.
+
+    Attributes:
+        arms: Limb name -> arm; what springs between arms do to it counts while the other arms are held still.
+        held: The object; None for none.
+        coupling: Springs between arms; None without any.
+        coupled: Arms that these join and no object does.
+    """
 
     arms: Mapping[str, ArmImpedance]
     held: HeldImpedance | None
+    coupling: JointCoupling | None = None
+    coupled: tuple[CoupledArms, ...] = ()
 
 
 def analyse_state(mechanism: Mechanism, setting: Setting, q: Array, *, at_rest: bool = True) -> Analysed:
@@ -112,11 +128,34 @@ def analyse_state(mechanism: Mechanism, setting: Setting, q: Array, *, at_rest: 
     mechanism.update(q, np.zeros_like(q))
     kinematics = mechanism.kinematics
     modules, targets = setting.modules, setting.targets
+    coupling = joint_coupling(modules, kinematics, targets, setting.damping)
     arms = {
-        arm.limb.name: arm_impedance(arm, kinematics, targets, q, setting.damping, at_rest=at_rest)
+        arm.limb.name: arm_impedance(
+            arm,
+            kinematics,
+            targets,
+            q,
+            setting.damping,
+            at_rest=at_rest,
+            beside=None if coupling is None else coupling.on(arm.limb.joints),
+        )
         for arm in modules.arms
     }
-    return Analysed(arms, None if modules.held is None else held_impedance(modules.held, arms))
+    limbs = {arm.limb.name: arm.limb for arm in modules.arms}
+    holding = () if modules.held is None else modules.held.limbs
+    groups = () if coupling is None else coupling.groups
+    joins = coupling is not None and any(set(group) <= set(holding) for group in groups)
+    between = (coupling, [limbs[name] for name in holding]) if coupling is not None and joins else None
+    return Analysed(
+        arms=arms,
+        held=None if modules.held is None else held_impedance(modules.held, arms, between),
+        coupling=coupling,
+        coupled=tuple(
+            couple_arms(coupling, [limbs[name] for name in group], arms)
+            for group in groups
+            if coupling is not None and not set(group) <= set(holding)
+        ),
+    )
 
 
 def find_rest(
@@ -274,6 +313,9 @@ class _Balance:
         for limb, arm in state.arms.items():
             part = mechanism.parts[limb]
             found[part, part] = arm.system.stiffness
+        if state.coupling is not None:
+            parts = [arm.limb.joints for arm in self._setting.modules.arms]
+            found += across(state.coupling.stiffness, parts)
         if self._turns:
             found -= self._turning_normals()
         turning = np.zeros((6, 6))

@@ -286,9 +286,11 @@ def _recorded_modules(supervisor: Supervisor) -> list[tuple[str, int, int]]:
     controller, assembly = supervisor.controller, supervisor.assembly
     found: list[tuple[str, int, int]] = []
     everywhere = np.concatenate([arm.limb.joints for arm in assembly.modules.arms])
+    between = {spring.module: spring.limbs for spring in assembly.modules.between}
     for row, name in enumerate(controller.module_names):
-        owners = [arm for arm in assembly.modules.arms if name.startswith(f"{arm.limb.name}.")]
-        joints = owners[0].limb.joints if owners else everywhere
+        limbs = between.get(name, (name.partition(".")[0],))
+        owners = [arm.limb.joints for arm in assembly.modules.arms if arm.limb.name in limbs]
+        joints = np.concatenate(owners) if owners else everywhere
         if not owners and not name.startswith((COMPENSATION, OWN)) and assembly.modules.held is None:
             continue
         for joint in joints:

@@ -151,7 +151,7 @@ def _frame_problems(draft: TaskDraft, arm: DraftArm) -> Iterator[Problem]:
         at = arm.path("springs", i)
         frame, expressed_in = draft.value(*at, "frame"), draft.value(*at, "expressed_in")
         if isinstance(frame, str) and frame not in moved:
-            yield draft.problem((*at, "frame"), _not_moved(frame, arm.name, moved, draft.urdf), moved)
+            yield draft.problem((*at, "frame"), not_moved(frame, arm.name, moved, draft.urdf), moved)
         if isinstance(expressed_in, str) and expressed_in not in axes:
             message = f"there is no frame '{expressed_in}'{nearest(expressed_in, axes)}"
             yield draft.problem((*at, "expressed_in"), message, axes)
@@ -163,7 +163,8 @@ def moved_links(urdf: UrdfFacts, limb: LimbSpec) -> tuple[str, ...]:
     return tuple(link for link in urdf.links if joints & set(urdf.moving_joints(link)))
 
 
-def _not_moved(frame: str, arm: str, moved: tuple[str, ...], urdf: UrdfFacts) -> str:
+def not_moved(frame: str, arm: str, moved: tuple[str, ...], urdf: UrdfFacts) -> str:
+    """Says that a frame is not moved by an arm, or not there at all."""
     if frame in urdf.links:
         return f"the frame '{frame}' is not moved by the arm '{arm}'{nearest(frame, moved)}"
     return f"the robot has no frame '{frame}'{nearest(frame, moved)}"

@@ -9,6 +9,7 @@ from dataclasses import replace
 from impedance_modules.errors import Problem, nearest
 from impedance_modules.spec.build_task import build_axes, build_matrix, build_numbers
 from impedance_modules.spec.check_arms import joint_name_problems, limit_problems
+from impedance_modules.spec.check_between import between_names
 from impedance_modules.spec.check_hinge import hinge_target_problems
 from impedance_modules.spec.check_set_points import set_point_problems
 from impedance_modules.spec.check_springs import (
@@ -33,7 +34,7 @@ def phase_problems(draft: TaskDraft, arms: Mapping[str, DraftArm]) -> Iterator[P
     yield from _name_problems(draft)
     for i in draft.count("phases"):
         at = ("phases", i)
-        yield from _equilibrium_problems(draft, (*at, "equilibrium"), springs)
+        yield from _equilibrium_problems(draft, (*at, "equilibrium"), (*springs, *between_names(draft)))
         for target in draft.keys(*at, "equilibrium"):
             yield from submovement_problems(draft, at, target)
         yield from _twice_moved_problems(draft, (*at, "equilibrium"), arms)
@@ -41,7 +42,12 @@ def phase_problems(draft: TaskDraft, arms: Mapping[str, DraftArm]) -> Iterator[P
         yield from _posture_problems(draft, (*at, "posture"))
         for key in ("axes", "stiffness"):
             for target in draft.keys(*at, key):
-                if target not in springs:
+                if target in between_names(draft):
+                    message = (
+                        f"'{target}' is between two arms: phases move its rest, its gains stay as declared"
+                    )
+                    yield draft.problem((*at, key, target), message, springs, at="key")
+                elif target not in springs:
                     message = f"there is no spring '{target}'{nearest(target, springs)}"
                     yield draft.problem((*at, key, target), message, springs, at="key")
         for target in draft.keys(*at, "stiffness"):

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from impedance_modules.errors import Problem, nearest
+from impedance_modules.spec.check_between import between_names
 from impedance_modules.spec.hinge_spec import HINGE
 from impedance_modules.spec.task_draft import DraftArm, TaskDraft
 
@@ -50,7 +51,10 @@ def _target_problems(
     given, held = draft.keys(SET_POINTS, "targets"), _held_springs(draft, arms)
     for target in given:
         at = (SET_POINTS, "targets", target)
-        if target not in valid:
+        if target in between_names(draft):
+            message = f"'{target}' is between two arms: phases move its rest, set-points do not; stream a hand's target"
+            yield draft.problem(at, message, valid, at="key")
+        elif target not in valid:
             yield draft.problem(at, f"there is no target '{target}'{nearest(target, valid)}", valid, at="key")
         elif OBJECT in given and target in held:
             message = f"'object' moves '{target}' already; give one of the two"

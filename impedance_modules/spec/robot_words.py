@@ -2,7 +2,7 @@
 """Words by which a task names no joint and no link of its robot, so that it runs on several.
 
     posture: NAME                   a posture that the robot file names
-    frame: hand, expressed_in: hand the limb's hand
+    frame: hand, expressed_in: hand the limb's hand; LIMB.hand where a frame is named with its arm
     stiffness_per_effort: k         joint stiffness k times the joint's largest torque
 
 They are replaced by what the robot file says before anything else is checked, each where it stands.
@@ -24,6 +24,9 @@ HAND = "hand"
 """A limb's hand, as ``frame`` or ``expressed_in``; a link of that name wins."""
 
 PER_EFFORT = "stiffness_per_effort"
+
+FRAMES_OF_ARMS = {"between": "frames"}
+"""Keys of a task whose entries list frames with their arms."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +57,7 @@ def fill_in(document: Document, robot: RobotSpec, links: tuple[str, ...]) -> Fil
     for name, arm in arms.items() if isinstance(arms, dict) else ():
         if isinstance(arm, dict) and name in robot.limbs:
             filling.arm(name, arm)
+    filling.frames_of_arms()
     phases = filling.data.get("phases")
     for index, phase in enumerate(phases if isinstance(phases, list) else ()):
         postures = phase.get("posture") if isinstance(phase, dict) else None
@@ -91,6 +95,12 @@ class _Filling:
         if isinstance(bias, dict) and _is_number(bias.get(PER_EFFORT)) and "stiffness" not in bias:
             bias["stiffness"] = self._stiffness(limb, bias.pop(PER_EFFORT))
 
+    def frames_of_arms(self) -> None:
+        """Replaces LIMB.hand where frames are named with their arm."""
+        hands = {f"{name}.{HAND}": f"{name}.{limb.hand}" for name, limb in self._robot.limbs.items()}
+        for holder, place, _ in _named_frames(self.data) if HAND not in self._links else ():
+            holder[place] = hands.get(holder[place], holder[place])
+
     def posture(self, at: KeyPath, key: str, holder: dict[str, Any], limb: str) -> None:
         """Replaces a posture's name by its angles."""
         name = holder.get(key)
@@ -119,6 +129,21 @@ class _Filling:
         return {
             short: per_effort * self._robot.joints[joint].effort_max for short, joint in limb.joints.items()
         }
+
+
+def _named_frames(data: Mapping[str, Any]) -> Iterator[tuple[Any, Any, KeyPath]]:
+    """Lists frames that are named with their arm: holder, place in it, and path in the file."""
+    for key, lists in FRAMES_OF_ARMS.items():
+        given = data.get(key)
+        for index, entry in enumerate(given if isinstance(given, list) else ()):
+            if not isinstance(entry, dict):
+                continue
+            words = entry.get(lists)
+            for place, word in enumerate(words if isinstance(words, list) else ()):
+                if isinstance(word, str):
+                    yield words, place, (key, index, lists, place)
+            if isinstance(entry.get("expressed_in"), str):
+                yield entry, "expressed_in", (key, index, "expressed_in")
 
 
 def _is_number(value: Any) -> bool:
@@ -155,6 +180,11 @@ def tie_problems(document: Document, robot: RobotSpec, other: str) -> Iterator[P
         springs = arm.get("springs")
         for index, spring in enumerate(springs if isinstance(springs, list) else ()):
             yield from _tied_frames(document, (*at, "springs", index), spring, robot, other)
+    for holder, place, path in _named_frames(document.data):
+        frame = holder[place].partition(".")[2]
+        if frame not in ("", HAND):
+            words = f"the link '{frame}'"
+            yield _tied(document, path, words, robot, other, f"ARM.{HAND}", value=True)
     phases = document.data.get("phases")
     for index, phase in enumerate(phases if isinstance(phases, list) else ()):
         postures = phase.get("posture") if isinstance(phase, dict) else None

@@ -20,6 +20,7 @@ from impedance_modules.spec.set_point_limits import SetPointLimits
 from impedance_modules.spec.submovement_spec import Submovement
 
 if TYPE_CHECKING:
+    from impedance_modules.spec.between_spec import BetweenSpec
     from impedance_modules.spec.document import Document
 
 Matrix = NDArray[np.float64]
@@ -370,8 +371,9 @@ class PhaseSpec:
     Attributes:
         name: Unique within the task.
         duration: Minimum-jerk time to a new equilibrium, and longest time in the phase [s].
-        equilibrium: Target (``object``, ``hinge`` or ``<arm>.<spring>``) -> axis -> coordinate, absolute in the
-            spring's ``expressed_in`` (the object's: world; the hinge's: ``angle``). Omitted ones keep their value.
+        equilibrium: Target (``object``, ``hinge``, ``<arm>.<spring>`` or a spring between two arms) -> axis ->
+            coordinate, absolute in the spring's ``expressed_in`` (the object's: world; the hinge's: ``angle``). Omitted
+            ones keep their value.
         posture: Arm -> short joint name -> new rest of the joint bias [rad].
         axes: ``<arm>.<spring>`` -> axis -> hybrid axis replacing that axis's during this phase and after.
         stiffness: ``<arm>.<spring>`` -> (6, 6) stiffness from this phase on.
@@ -414,7 +416,8 @@ class TaskPlayback:
 class TaskSpec:
     """A whole task file. ``document`` maps every value back to its line and column.
 
-    ``set_points`` limits what arrives while it runs; None for a task that listens to nothing.
+    ``set_points`` limits what arrives while it runs; None for a task that listens to nothing. ``between`` are the
+    springs between two arms.
     """
 
     name: str
@@ -431,3 +434,4 @@ class TaskSpec:
     document: Document = field(repr=False, compare=False)
     playback: TaskPlayback | None = None
     set_points: SetPointLimits | None = None
+    between: tuple[BetweenSpec, ...] = ()

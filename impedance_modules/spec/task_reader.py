@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from impedance_modules.errors import BadFile, BadInput, Problem
+from impedance_modules.spec.between_spec import BETWEEN, build_between
 from impedance_modules.spec.build_task import (
     build_object,
     build_phase,
@@ -19,6 +20,7 @@ from impedance_modules.spec.build_task import (
     build_tank,
 )
 from impedance_modules.spec.check_arms import arm_problems
+from impedance_modules.spec.check_between import between_problems
 from impedance_modules.spec.check_hinge import half_turn_problems, hinge_problems
 from impedance_modules.spec.check_phases import phase_problems
 from impedance_modules.spec.check_springs import spring_problems
@@ -119,6 +121,7 @@ def _meaning_problems(draft: TaskDraft, arms: Mapping[str, DraftArm]) -> Iterato
     yield from _mode_problems(draft)
     yield from arm_problems(draft, arms)
     yield from spring_problems(draft, arms)
+    yield from between_problems(draft)
     yield from object_problems(draft, arms)
     yield from hinge_problems(draft)
     yield from half_turn_problems(draft)
@@ -160,6 +163,7 @@ def _finished(document: Document, arms: Mapping[str, DraftArm], written: Documen
         document=written,
         playback=_playback(document) if "playback" in data else None,
         set_points=limits,
+        between=tuple(build_between(raw) for raw in data.get(BETWEEN, [])),
     )
 
 

@@ -55,6 +55,7 @@ class ArmImpedance:
         preload: (6,) F_b, what the joint springs carry [N, N.m].
         wrench: (6,) of the hand's springs and hybrid axes [N, N.m].
         system: The arm in joint space.
+        relaxed: (k, k) its stiffness in joint space without any load [N.m/rad].
         fixed, scaled: Its gains, split for ``highest_stable_stiffness``.
     """
 
@@ -69,6 +70,7 @@ class ArmImpedance:
     preload: Array
     wrench: Array
     system: JointSpace
+    relaxed: Array
     fixed: Gains
     scaled: Gains
 
@@ -86,13 +88,29 @@ class _FrameSprings:
 
 
 @dataclass(frozen=True)
-class _JointSprings:
-    """What acts on the joints besides the hand's springs: matrices (k, k), load (k,)."""
+class SideSprings:
+    """What acts on the joints besides the hand's springs.
+
+    Attributes:
+        stiffness: (k, k) with its load [N.m/rad].
+        relaxed: (k, k) without [N.m/rad].
+        load: (k,) torque that the joints carry for it, minus its own [N.m].
+        damping: (k, k) [N.m.s/rad].
+    """
 
     stiffness: Array
     relaxed: Array
     load: Array
     damping: Array
+
+    def plus(self, other: SideSprings) -> SideSprings:
+        """Adds what else acts on the same joints."""
+        return SideSprings(
+            self.stiffness + other.stiffness,
+            self.relaxed + other.relaxed,
+            self.load + other.load,
+            self.damping + other.damping,
+        )
 
 
 def arm_impedance(
@@ -103,6 +121,7 @@ def arm_impedance(
     damping: Damping,
     *,
     at_rest: bool = True,
+    beside: SideSprings | None = None,
 ) -> ArmImpedance:
     """Analyses one arm at the state for which ``kinematics`` was last updated.
 
@@ -114,12 +133,14 @@ def arm_impedance(
         damping: Of the phase.
         at_rest: Whether the hand's springs and what touches it carry what the joint springs ask for. On the way they do
             not: the load that turns with the joints is then what the hand's springs exert.
+        beside: What acts on the joints besides the arm's own modules; None for nothing.
     """
     joints, hand = arm.limb.joints, arm.limb.hand
     frames = dict.fromkeys([hand, *(spring.frame for spring in arm.springs)])
     parts = {frame: _springs_on(arm, frame, kinematics, targets, damping) for frame in frames}
     end = parts[hand]
     side = _joint_springs(arm, [parts[frame] for frame in frames if frame != hand], targets, q, damping)
+    side = side if beside is None else side.plus(beside)
     preload = carried_wrench(end.jacobian, side.load) if at_rest else end.wrench
     inverse = kinematics.inverse_inertia[np.ix_(joints, joints)]
     bare = without_reflected_inertia(inverse, kinematics.model.reflected_inertia[joints])
@@ -136,6 +157,7 @@ def arm_impedance(
         preload=preload,
         wrench=end.wrench,
         system=system,
+        relaxed=side.relaxed + end.jacobian.T @ end.relaxed @ end.jacobian,
         fixed=Gains(system.stiffness - scaled.stiffness, system.damping - scaled.damping),
         scaled=scaled,
     )
@@ -162,7 +184,7 @@ def _springs_on(
 
 def _joint_springs(
     arm: ArmModule, others: Sequence[_FrameSprings], targets: Equilibrium, q: Array, damping: Damping
-) -> _JointSprings:
+) -> SideSprings:
     """Collects joint springs and the springs on other frames than the hand."""
     bias, k = arm.bias, len(arm.limb.joints)
     stiffness, load, damped = np.zeros((k, k)), np.zeros(k), np.zeros((k, k))
@@ -176,10 +198,10 @@ def _joint_springs(
         relaxed = relaxed + part.jacobian.T @ part.relaxed @ part.jacobian
         load = load - part.jacobian.T @ part.wrench
         damped = damped + part.jacobian.T @ (part.modal + part.explicit) @ part.jacobian
-    return _JointSprings(stiffness, relaxed, load, damped)
+    return SideSprings(stiffness, relaxed, load, damped)
 
 
-def _system(inverse_inertia: Array, end: _FrameSprings, side: _JointSprings, preload: Array) -> JointSpace:
+def _system(inverse_inertia: Array, end: _FrameSprings, side: SideSprings, preload: Array) -> JointSpace:
     """Writes the arm in joint space, K_q = K_j - Gamma + J^T K_end J and likewise D_q."""
     J = end.jacobian
     inertia = np.asarray(np.linalg.inv(inverse_inertia), dtype=np.float64)

@@ -126,20 +126,21 @@ def through_arm(jacobian: Array, joint_matrix: Array) -> Array | None:
     where A is singular too: a direction which some joint lets go freely has none of the joints' stiffness.
 
     Args:
-        jacobian: (6, k).
+        jacobian: (6, k); of several hands, (6 h, k).
         joint_matrix: (k, k) A.
 
     Returns:
-        (6, 6), or None where the hand cannot move in some direction (J has not full row rank).
+        (6, 6), of several hands (6 h, 6 h), or None where a hand cannot move in some direction (J has not full row
+        rank).
     """
     if _singular(jacobian):
         return None
-    k = jacobian.shape[1]
+    rows, k = jacobian.shape
     scale = float(np.linalg.norm(joint_matrix, 2))
     if scale == 0.0:
-        return np.zeros((6, 6))
+        return np.zeros((rows, rows))
     # Divided by its size, A meets the tolerance of the pseudo-inverse on equal terms with J.
-    statics = np.block([[joint_matrix / scale, jacobian.T], [jacobian, np.zeros((6, 6))]])
+    statics = np.block([[joint_matrix / scale, jacobian.T], [jacobian, np.zeros((rows, rows))]])
     return -scale * np.asarray(np.linalg.pinv(statics, rcond=1e-12)[k:, k:])
 
 

@@ -15,7 +15,7 @@ squeeze and carried weight apart (see ``shared``): as the object turns, its leve
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 
 import numpy as np
@@ -23,9 +23,11 @@ import numpy as np
 from impedance_modules.arrays import Array
 from impedance_modules.modules.held_object import HeldObject, carry_weight, share_wrench, squeeze_forces
 from impedance_modules.modules.mobility import parallel_sum
+from impedance_modules.robot.model import Limb
 from impedance_modules.robot.pose import Pose, carry
 from impedance_modules.robot.rotation import skew
 from impedance_modules.superposition.arm_impedance import ArmImpedance
+from impedance_modules.superposition.coupled_arms import CouplingAtObject, JointCoupling, coupling_at_object
 from impedance_modules.superposition.modes import HeldTogether, JointSpace, block_diagonal, hold_together
 from impedance_modules.superposition.operational_inertia import (
     OperationalInertia,
@@ -169,6 +171,7 @@ class HeldImpedance:
         folds: The object's stiffness is not positive semidefinite, or an arm folds though its hand is held.
         motion: Joint motions that keep all grasps.
         system: Arms and object seen in them.
+        coupling: What springs between the hands add to the single arms' sum; None without any.
     """
 
     pose: Pose
@@ -179,14 +182,20 @@ class HeldImpedance:
     folds: bool
     motion: HeldTogether
     system: JointSpace
+    coupling: CouplingAtObject | None = None
 
 
-def held_impedance(held: HeldObject, arms: Mapping[str, ArmImpedance]) -> HeldImpedance:
+def held_impedance(
+    held: HeldObject,
+    arms: Mapping[str, ArmImpedance],
+    between: tuple[JointCoupling, Sequence[Limb]] | None = None,
+) -> HeldImpedance:
     """Sums the holding arms at the object.
 
     Args:
         held: The object and its grasps.
         arms: Limb name -> its analysis at the same state, for every holding arm.
+        between: Springs between arms, and the holding limbs; None without any.
     """
     holding = [arms[limb] for limb in held.limbs]
     pose = held.pose_from(tuple(arm.pose for arm in holding))
@@ -201,7 +210,10 @@ def held_impedance(held: HeldObject, arms: Mapping[str, ArmImpedance]) -> HeldIm
         block_diagonal([arm.system.damping for arm in holding]),
     )
     turning = np.sum([lever_arm_stiffness(-hand.wrench[:3], hand.offset) for hand in hands], axis=0)
-    summed = superpose(hands, own)
+    summed, coupling = superpose(hands, own), None
+    if between is not None:
+        coupling = coupling_at_object(*between, holding, list(offsets))
+        summed, stacked = _coupled(summed, coupling), _coupled_joints(stacked, coupling)
     turning = turning + bearing_turns(held, summed.wrench, pose.translation)
     return HeldImpedance(
         pose=pose,
@@ -212,6 +224,24 @@ def held_impedance(held: HeldObject, arms: Mapping[str, ArmImpedance]) -> HeldIm
         folds=any(arm.stiffness.folds_held for arm in holding) or _unstable(_left_free(held, summed, pose)),
         motion=motion,
         system=motion.system(stacked, own, turning),
+        coupling=coupling,
+    )
+
+
+def _coupled(found: ObjectImpedance, coupling: CouplingAtObject) -> ObjectImpedance:
+    """Adds what springs between the hands add at the object."""
+    return replace(
+        found,
+        stiffness=_sum([found.stiffness, coupling.stiffness]),
+        damping=_sum([found.damping, coupling.damping]),
+    )
+
+
+def _coupled_joints(stacked: JointSpace, coupling: CouplingAtObject) -> JointSpace:
+    return JointSpace(
+        stacked.inertia,
+        stacked.stiffness + coupling.joint_stiffness,
+        stacked.damping + coupling.joint_damping,
     )
 
 

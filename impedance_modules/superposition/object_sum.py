@@ -15,7 +15,7 @@ with motions across it; what is left in the sum is told as a share of its larges
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,8 +38,8 @@ class Summands:
 
     Attributes:
         arms: Limb name -> X_i^T A_i X_i; None where the hand has no such matrix.
-        more: What is no arm's: ``object``, the inertia of the object itself, or ``load``, the stiffness by the
-            forces in the grasps; None where it is not to be told.
+        more: What is no arm's: ``object``, the inertia of the object itself, ``load``, the stiffness by the forces in
+            the grasps, or ``between``, what springs between the hands add; None where it is not to be told.
     """
 
     arms: Mapping[str, Array | None]
@@ -110,6 +110,11 @@ def sum_at_object(
         "damping": _parts(hands, {name: hand.damping for name, hand in hands.items()}),
         "stiffness": _stiffness_parts(hands, hidden=stiffness is None),
     }
+    if held.coupling is not None:
+        between = {"damping": held.coupling.damping, "stiffness": held.coupling.stiffness}
+        for name, part in between.items():
+            told = None if name == "stiffness" and stiffness is None else part
+            summands[name] = replace(summands[name], more={**summands[name].more, "between": told})
     totals = {"inertia": held.impedance.inertia.inertia, "stiffness": stiffness}
     return ObjectSum(
         hands=hands,
