@@ -28,7 +28,7 @@ from tests.support.shipped_runs import SAMPLES, watch
 
 FOLDER = CHECKOUT / "tasks" / "any-robot"
 NAMES = tuple(sorted(path.stem for path in FOLDER.glob("*.yaml")))
-TWO_ARMS = ("carry-box", "part-and-meet")
+TWO_ARMS = ("carry-box", "lead-and-follow", "part-and-meet")
 ONE_ARM = tuple(name for name in NAMES if name not in TWO_ARMS)
 ROBOTS = ("fr3-pair", "panda", "ur5e-pair")
 
