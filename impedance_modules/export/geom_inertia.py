@@ -18,7 +18,7 @@ import numpy as np
 
 from impedance_modules.arrays import Array
 from impedance_modules.export.body_inertia import BodyInertia, steiner
-from impedance_modules.export.mujoco_bodies import ORIENTATIONS, orientation, rotation_between, sized
+from impedance_modules.export.mujoco_bodies import ORIENTATIONS, orientation_of, rotation_between, sized
 from impedance_modules.export.mujoco_model import MujocoDescription
 
 DENSITY = 1000.0
@@ -27,7 +27,9 @@ DENSITY = 1000.0
 GROUPS = (0.0, 5.0)
 """Groups of geoms that count, where <compiler inertiagrouprange> does not say."""
 
-_SIZES = {"sphere": 1, "capsule": 2, "cylinder": 2, "ellipsoid": 3, "box": 3}
+SIZES = {"sphere": 1, "capsule": 2, "cylinder": 2, "ellipsoid": 3, "box": 3}
+"""Types of geoms that are solids -> how many numbers their size has."""
+
 _LENGTHS = ("capsule", "cylinder", "ellipsoid", "box")
 """Types that <fromto> may place."""
 
@@ -60,7 +62,7 @@ def _inertia(model: MujocoDescription, geom: ET.Element, turn: Array, place: Arr
     weightless = any(_one(model, geom, key, 1.0) == 0.0 for key in ("mass", "density"))
     if weightless or kind == "plane" or not lowest <= _one(model, geom, "group", 0.0) <= highest:
         return None
-    if kind not in _SIZES or model.value(geom, "shellinertia") == "true":
+    if kind not in SIZES or model.value(geom, "shellinertia") == "true":
         model.faults.add(
             geom,
             f"the mass of the body follows from a geom of the type '{kind}', which is not computed here (valid:"
@@ -73,7 +75,7 @@ def _inertia(model: MujocoDescription, geom: ET.Element, turn: Array, place: Arr
             geom, f"<geom> takes '{inherited[0]}' from a default class (valid: in the geom itself)"
         )
         return None
-    R, p, size = _placed(model, geom, kind)
+    R, p, size = placed_geom(model, geom, kind)
     volume, moments = _solid(kind, size)
     mass = _one(model, geom, "mass", _one(model, geom, "density", DENSITY) * volume)
     R = turn @ R
@@ -89,24 +91,24 @@ def _counted_groups(model: MujocoDescription) -> Array:
     return np.array(GROUPS) if section is None else sized(model, section, "inertiagrouprange", GROUPS)
 
 
-def _placed(model: MujocoDescription, geom: ET.Element, kind: str) -> tuple[Array, Array, Array]:
-    """Rotation (3, 3), centre (3,) and size of a geom, by its pos and orientation or by its ends."""
+def placed_geom(model: MujocoDescription, geom: ET.Element, kind: str) -> tuple[Array, Array, Array]:
+    """Rotation (3, 3), centre (3,) [m] and size [m] of a solid geom, by its pos and orientation or by its ends."""
     size = model.numbers(geom, "size", (0.0,))
     if model.value(geom, "fromto") is not None and kind in _LENGTHS:
         ends = model.numbers(geom, "fromto", (0.0,) * 6)
         if ends.size == 6:
-            along = ends[3:] - ends[:3]
+            along = ends[:3] - ends[3:]  # z points from the second end to the first, which shows in a box
             half = 0.5 * float(np.linalg.norm(along))
-            width = [float(size[0])] * (_SIZES[kind] - 1)
+            width = [float(size[0])] * (SIZES[kind] - 1)
             return (
                 rotation_between(np.eye(3)[2], along),
                 0.5 * (ends[:3] + ends[3:]),
                 np.array([*width, half]),
             )
-    if size.size < _SIZES[kind]:
-        model.faults.add(geom, f"a {kind} needs {_SIZES[kind]} numbers as 'size'; found {size.size}")
+    if size.size < SIZES[kind]:
+        model.faults.add(geom, f"a {kind} needs {SIZES[kind]} numbers as 'size'; found {size.size}")
         size = np.ones(3)
-    return orientation(model, geom), sized(model, geom, "pos", (0.0, 0.0, 0.0)), size
+    return orientation_of(model, geom), sized(model, geom, "pos", (0.0, 0.0, 0.0)), size
 
 
 def _solid(kind: str, size: Array) -> tuple[float, Array]:

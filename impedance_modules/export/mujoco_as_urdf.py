@@ -27,6 +27,7 @@ from impedance_modules.export.edited_xml import number, numbers
 from impedance_modules.export.geom_inertia import inertia_of_geoms
 from impedance_modules.export.mujoco_bodies import orientation, read_inertia, sized
 from impedance_modules.export.mujoco_model import ONE_AXIS, MujocoDescription
+from impedance_modules.export.mujoco_shapes import MujocoShapes, Placement
 from impedance_modules.robot.rotation import exp3
 from impedance_modules.spec.located_xml import parse_xml
 from impedance_modules.spec.robot_spec import UPRIGHT_GRAVITY
@@ -62,8 +63,12 @@ class MujocoLinks:
     notes: tuple[str, ...]
 
 
-def urdf_of_mujoco(path: Path) -> MujocoLinks:
+def urdf_of_mujoco(path: Path, *, shapes: bool = False) -> MujocoLinks:
     """Reads a MuJoCo model.
+
+    Args:
+        path: The model.
+        shapes: Whether its geoms become collision shapes; names of mesh files are whole paths then.
 
     Raises:
         BadInput: The file cannot be read.
@@ -74,8 +79,9 @@ def urdf_of_mujoco(path: Path) -> MujocoLinks:
     if (count := sum(element.tag in ("body", "frame") for element in model.root.iter())) > MOST_LINKS:
         model.faults.add(model.root, f"{count} bodies and frames (valid: at most {MOST_LINKS})")
         raise BadFile(model.faults.problems)
-    tree = _Tree(model)
+    tree = _Tree(model, MujocoShapes(model) if shapes else None)
     for world in model.root.findall("worldbody"):
+        tree.geoms(world, "world", (np.eye(3), np.zeros(3)))
         tree.contents(world, "world", (np.eye(3), np.zeros(3)))
     if not tree.resistances and not model.faults.problems:
         model.faults.add(model.root, "no joint turns about an axis or slides (valid: a robot)")
@@ -106,14 +112,11 @@ def as_urdf(path: Path) -> Iterator[tuple[Path, MujocoLinks | None]]:
         yield copy, links
 
 
-Placement = tuple[Array, Array]
-"""Rotation (3, 3) and place (3,) [m] of something in the link that it is fixed to."""
-
-
 class _Tree:
     """Walks outwards through the bodies and writes a link and a joint for each."""
 
-    def __init__(self, model: MujocoDescription) -> None:
+    def __init__(self, model: MujocoDescription, shapes: MujocoShapes | None) -> None:
+        self.shapes = shapes
         self.robot = ET.Element("robot", name=model.root.get("model") or "mujoco")
         self.resistances: dict[str, dict[str, float]] = {}
         self.unused: dict[str, list[str]] = {}
@@ -159,6 +162,7 @@ class _Tree:
         # What is fixed to the world needs no inertia, so none is asked of shapes whose volume is not known.
         if name not in self._standing or body.find("inertial") is not None:
             self._inertial(name, self._inertia(body), placed)
+        self.geoms(body, name, placed)
         if np.any(sized(self._model, body, "gravcomp", (0.0,))):
             self.unused.setdefault("gravcomp", []).append(name)
         self.contents(body, name, placed)
@@ -251,6 +255,15 @@ class _Tree:
             return None
         return inertia_of_geoms(self._model, [*self._geoms(body, (np.eye(3), np.zeros(3)))])
 
+    def geoms(self, element: ET.Element, link: str, placed: Placement) -> None:
+        """Adds the geoms of an element, which stands in a link, as collision shapes, where they are asked for."""
+        if self.shapes is not None:
+            for geom, *inside in self._geoms(element, placed):
+                self.shapes.add(self._link(link), geom, (inside[0], inside[1]))
+
+    def _link(self, name: str) -> ET.Element:
+        return next(one for one in self.robot.findall("link") if one.get("name") == name)
+
     def _geoms(self, element: ET.Element, placed: Placement) -> Iterator[tuple[ET.Element, Array, Array]]:
         for child in element:
             if child.tag == "geom":
@@ -263,8 +276,7 @@ class _Tree:
         if inertia is None or inertia.mass <= 0.0:
             return
         R, p = placed
-        element = next(one for one in self.robot.findall("link") if one.get("name") == link)
-        inertial = ET.SubElement(element, "inertial")
+        inertial = ET.SubElement(self._link(link), "inertial")
         ET.SubElement(inertial, "origin", xyz=numbers(p + R @ inertia.centre), rpy="0 0 0")
         ET.SubElement(inertial, "mass", value=number(inertia.mass))
         about = R @ inertia.about_centre @ R.T
@@ -301,3 +313,5 @@ def _notes(model: MujocoDescription, tree: _Tree) -> Iterator[str]:
     sections = [tag for tag in ("equality", "tendon", "contact") if model.root.find(tag) is not None]
     if sections:
         yield f"not read: {', '.join(f'<{tag}>' for tag in sections)}"
+    if tree.shapes is not None:
+        yield from tree.shapes.notes()

@@ -114,6 +114,12 @@ def orientation(model: MujocoDescription, element: ET.Element) -> Array:
     return rotation_between(np.eye(3)[2], z)
 
 
+def orientation_of(model: MujocoDescription, geom: ET.Element) -> Array:
+    """Computes the rotation (3, 3) of an element that may take its one way of being turned from a default class."""
+    holders = (model.holder(geom, key) for key in ORIENTATIONS)
+    return orientation(model, next((holder for holder in holders if holder is not None), geom))
+
+
 def rotation_between(start: Array, end: Array) -> Array:
     """Computes the smallest rotation (3, 3) that turns one direction into another; half a turn is about x."""
     across = np.cross(start, end)

@@ -19,6 +19,7 @@ import numpy as np
 from impedance_modules.errors import BadInput
 from impedance_modules.export.body_inertia import rotation_of_rpy, rpy_of_rotation
 from impedance_modules.export.edited_xml import number, numbers
+from impedance_modules.export.mujoco_shapes import list_as_capsule
 from impedance_modules.new_robot.copy_names import CopyNames
 from impedance_modules.new_robot.source_description import SourceDescription
 from impedance_modules.robot.capsule_fit import Capsule, capsule_of_mesh
@@ -122,6 +123,8 @@ class Copies:
             kept = self._shape(shape, f"{naming(name)} {index + 1}", added)
             if not kept:
                 self.missing[name] = str(_mesh_name(shape))
+        for capsule in link.findall("collision_checking/capsule"):
+            list_as_capsule(added, str(capsule.get("name")))
         if added.find("collision") is not None:
             self.shaped.append(naming(name))
 
@@ -220,7 +223,7 @@ def _add_capsule(link: ET.Element, name: str, shape: ET.Element, capsule: Capsul
     sizes = {"radius": capsule.radius, "length": capsule.length}
     up = {key: number(math.ceil(1e3 * size + 0.3) / 1e3) for key, size in sizes.items()}
     ET.SubElement(geometry, "cylinder", up)
-    ET.SubElement(ET.SubElement(link, "collision_checking"), "capsule", name=name)
+    list_as_capsule(link, name)
 
 
 def _origin(shape: ET.Element) -> np.ndarray:

@@ -131,7 +131,7 @@ def _expanded(path: Path) -> str:
 
 
 def _of_mujoco(path: Path, model: ET.Element) -> SourceDescription:
-    links = urdf_of_mujoco(path)
+    links = urdf_of_mujoco(path, shapes=True)
     root = ET.fromstring(links.urdf)
     for element in root.iter():
         for key in ("name", "link"):
@@ -148,7 +148,7 @@ def _of_mujoco(path: Path, model: ET.Element) -> SourceDescription:
         friction=links.resistances["frictionloss"],
         effort=_actuator_efforts(model),
         compensates=any((read_number(body.get("gravcomp", "0")) or 0.0) > 0.0 for body in bodies),
-        notes=(*links.notes, "its geoms are not read: links have no collision shapes"),
+        notes=links.notes,
     )
 
 

@@ -9,6 +9,8 @@ BODIES = "impedance_modules/export/mujoco_bodies.py"
 MODEL = "impedance_modules/export/mujoco_model.py"
 NUMBERS = "impedance_modules/effects/simulator_numbers.py"
 TEXT = "impedance_modules/export/edited_xml.py"
+SHAPES = "impedance_modules/export/mujoco_shapes.py"
+GEOMS = "impedance_modules/export/geom_inertia.py"
 
 URDF_TESTS = "tests/export/test_urdf_export.py"
 MODEL_TESTS = "tests/export/test_mujoco_models.py"
@@ -21,6 +23,8 @@ TESTS = {
     MODEL: (MODEL_TESTS, "tests/export/test_refused_exports.py"),
     NUMBERS: (URDF_TESTS, MODEL_TESTS),
     TEXT: ("tests/export/test_edited_xml.py",),
+    SHAPES: ("tests/new_robot/test_mujoco_shapes.py",),
+    GEOMS: ("tests/new_robot/test_mujoco_shapes.py", "tests/diagnosis/test_model_files.py"),
 }
 
 MUTANTS = (
@@ -83,4 +87,20 @@ MUTANTS = (
     # the text
     (TEXT, "for start, end, text in sorted(splices, reverse=True):", "for start, end, text in sorted(splices):"),
     (TEXT, "{'\"': \"&quot;\", \"'\": \"&apos;\"}", "{}"),
+    # geoms as collision shapes
+    (SHAPES, "return turn @ R, place + turn @ p", "return R, place + turn @ p"),
+    (SHAPES, "return turn @ R, place + turn @ p", "return turn @ R, place + p"),
+    (SHAPES, "2.0 * size[:3]", "size[:3]"),
+    (SHAPES, "number(2.0 * float(size[1]))", "number(float(size[1]))"),
+    (SHAPES, "-scale * (turn.T @ centre)", "-(turn.T @ centre)"),
+    (SHAPES, "-scale * (turn.T @ centre)", "-scale * centre"),
+    (SHAPES, "-scale * (turn.T @ centre)", "scale * (turn.T @ centre)"),
+    (SHAPES, "R @ turn.T, p + R @ corner", "R @ turn, p + R @ corner"),
+    (SHAPES, "R @ turn.T, p + R @ corner", "R @ turn.T, p + corner"),
+    (SHAPES, "\"capsule\", np.array([b, a - b])", "\"capsule\", np.array([c, a - c])"),
+    (SHAPES, "_cyclic(int(order[2]))", "_cyclic(int(order[0]))"),
+    (SHAPES, "np.roll(np.eye(3), axis - 2, axis=0)", "np.eye(3)"),
+    (SHAPES, "for key in (\"contype\", \"conaffinity\")", "for key in (\"contype\",)"),
+    (GEOMS, "ends[:3] - ends[3:]  #", "ends[3:] - ends[:3]  #"),
+    (GEOMS, "0.5 * (ends[:3] + ends[3:])", "0.5 * (ends[:3] - ends[3:])"),
 )  # fmt: skip
