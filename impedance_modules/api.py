@@ -16,8 +16,10 @@ from pathlib import Path
 import numpy as np
 
 from impedance_modules.arrays import Array
+from impedance_modules.backends.grippers import GripperRobot
 from impedance_modules.backends.protocol import Backend, FirstState
 from impedance_modules.control.assembly import Assembly, assemble, taught
+from impedance_modules.control.gripper_watch import grippers_of
 from impedance_modules.control.set_point_source import RunReport, SetPointSource
 from impedance_modules.control.supervisor import Ending, Supervisor
 from impedance_modules.diagnosis.result import Diagnosis
@@ -217,15 +219,28 @@ class TaskController:
         ...     send(effort)
     """
 
-    def __init__(self, task: Assembly, *, set_points: SetPointSource | None = None) -> None:
+    def __init__(
+        self,
+        task: Assembly,
+        *,
+        set_points: SetPointSource | None = None,
+        grippers: GripperRobot | None = None,
+    ) -> None:
         """Takes a task, refuses what cannot work, and compiles what runs in every cycle.
+
+        Args:
+            task: As ``load_task`` returns it.
+            set_points: Where set-points come from, for phases that listen; None where nothing comes.
+            grippers: Takes the orders of the task's grippers; None for a task that orders none.
 
         Raises:
             BadFile: The task is infeasible, with the line of every reason.
+            BadInput: It orders grippers, and nothing takes the orders.
         """
         accept(task, plant=False)
+        taken = grippers_of(grippers, task, "this loop")
         self.task = task
-        self._supervisor = Supervisor(task, set_points)
+        self._supervisor = Supervisor(task, set_points, taken)
         self._supervisor.controller.warm()
         self._stop: str | None = None
 

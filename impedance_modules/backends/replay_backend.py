@@ -8,10 +8,12 @@ from collections.abc import Mapping
 import numpy as np
 
 from impedance_modules.arrays import Array
+from impedance_modules.backends.grippers import GripperReport, GripperState
 from impedance_modules.backends.protocol import Finish, FirstState
 from impedance_modules.episode.data import Episode
 from impedance_modules.errors import BadInput, EndOfRecording
 from impedance_modules.robot.state import RobotState
+from impedance_modules.spec.gripper_spec import GripperMotion
 
 LONGEST_GAP = 60.0
 """Longest time between two states of a recording that is fed back [s]; a run is stopped long before."""
@@ -41,6 +43,7 @@ class ReplayBackend:
         self._velocity = _columns(episode.velocity, joint_names, "velocity")
         self._effort = _columns(episode.effort, joint_names, "effort")
         self._acting = acting
+        self._grippers = _recorded_grippers(episode)
         self.sample = 0
 
     def start(self) -> FirstState:
@@ -62,6 +65,20 @@ class ReplayBackend:
     def write(self, effort: Array) -> None:
         """Ignores a torque."""
 
+    def gripper_limbs(self) -> tuple[str, ...]:
+        """Names the limbs whose grippers were recorded."""
+        return tuple(self._grippers)
+
+    def order_gripper(self, limb: str, motion: GripperMotion) -> None:
+        """Ignores an order."""
+
+    def gripper_report(self, limb: str) -> GripperReport:
+        """What was recorded of a gripper with the last state that was returned."""
+        width, force, state = (float(column[self.sample]) for column in self._grippers[limb])
+        number = int(state)
+        why = "failed in the recording" if number == GripperState.FAILED else ""
+        return GripperReport(width, force, GripperState(number), why)
+
     def finish(self, how: Finish) -> None:
         """Ends the replay; there is nothing to hold or release."""
 
@@ -80,6 +97,24 @@ def _check_steps(episode: Episode) -> None:
             f"{episode.source}: {steps[row]:.6g} s between the samples {row} and {row + 1} (valid: time in seconds,"
             f" without a gap of more than {LONGEST_GAP:g} s)"
         )
+
+
+def _recorded_grippers(episode: Episode) -> dict[str, tuple[Array, Array, Array]]:
+    """Finds width, force and state of each recorded gripper, (N,) each, by limb."""
+    found: dict[str, tuple[Array, Array, Array]] = {}
+    for name, state in episode.extra.items():
+        if not (name.startswith("gripper.") and name.endswith(".state")):
+            continue
+        limb = name.removeprefix("gripper.").removesuffix(".state")
+        others = [f"gripper.{limb}.{part}" for part in ("width", "force")]
+        missing = [other for other in others if other not in episode.extra]
+        wrong = ~np.isin(state, [int(known) for known in GripperState])
+        if missing or wrong.any():
+            said = f"no column {missing[0]}" if missing else f"'{name}' is {state[np.argmax(wrong)]}"
+            valid = ", ".join(f"{known.value} {known.name.lower()}" for known in GripperState)
+            raise BadInput(f"{episode.source}: {said} (valid: width, force and state of a gripper; {valid})")
+        found[limb] = (episode.extra[others[0]], episode.extra[others[1]], state)
+    return found
 
 
 def _columns(recorded: Mapping[str, Array], names: tuple[str, ...], kind: str) -> Array:

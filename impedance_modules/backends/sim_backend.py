@@ -8,9 +8,12 @@ from typing import Generic, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.backends.grippers import GripperReport
 from impedance_modules.backends.protocol import Finish, FirstState
+from impedance_modules.backends.sim_grippers import SimulatedGrippers
 from impedance_modules.errors import NotConnected, PlantNotFinite
 from impedance_modules.robot.state import RobotState
+from impedance_modules.spec.gripper_spec import GripperMotion
 
 Array = NDArray[np.float64]
 
@@ -51,8 +54,11 @@ class SimBackend(Generic[P]):
         plant: The simulated physics; for recordings and tests, never for the controller.
     """
 
-    def __init__(self, plant: P, posture: Array, period: float) -> None:
-        """Args are the plant, its start posture (n,) [rad] and the control period [s]."""
+    def __init__(
+        self, plant: P, posture: Array, period: float, grippers: SimulatedGrippers | None = None
+    ) -> None:
+        """Args are the plant, its start posture (n,) [rad], the control period [s], and grippers if it has any."""
+        self._grippers = grippers
         self.plant = plant
         self._posture = posture
         self._period = period
@@ -79,7 +85,21 @@ class SimBackend(Generic[P]):
             self._running = False
             raise
         self._command = None
+        if self._grippers is not None:
+            self._grippers.advance(self._period)
         return self.plant.sense()
+
+    def gripper_limbs(self) -> tuple[str, ...]:
+        """Names the limbs whose grippers take orders."""
+        return () if self._grippers is None else self._grippers.limbs
+
+    def order_gripper(self, limb: str, motion: GripperMotion) -> None:
+        """Hands an order on; the fingers begin to move with the next ``read``."""
+        self._with_grippers().order(limb, motion)
+
+    def gripper_report(self, limb: str) -> GripperReport:
+        """What is known of a gripper now."""
+        return self._with_grippers().report(limb)
 
     def write(self, effort: Array) -> None:
         """Sets the torque command of the period that the next ``read`` simulates."""
@@ -97,6 +117,11 @@ class SimBackend(Generic[P]):
             self.plant.release()
         for _ in range(round(SETTLING / self._period)):
             self.plant.advance(None)
+
+    def _with_grippers(self) -> SimulatedGrippers:
+        if self._grippers is None:
+            raise NotConnected("this simulated robot has no grippers")
+        return self._grippers
 
     def _check(self) -> None:
         if not self._running:

@@ -6,8 +6,11 @@ from __future__ import annotations
 import time
 
 from impedance_modules.arrays import Array
+from impedance_modules.backends.grippers import GripperReport, GripperRobot
 from impedance_modules.backends.protocol import Backend, Finish, FirstState
+from impedance_modules.errors import NotConnected
 from impedance_modules.robot.state import RobotState
+from impedance_modules.spec.gripper_spec import GripperMotion
 
 
 class RealTime:
@@ -41,6 +44,23 @@ class RealTime:
     def write(self, effort: Array) -> None:
         """Passes a torque command (n,) on [N.m]."""
         self._backend.write(effort)
+
+    def gripper_limbs(self) -> tuple[str, ...]:
+        """Names the limbs whose grippers take orders."""
+        return self._backend.gripper_limbs() if isinstance(self._backend, GripperRobot) else ()
+
+    def order_gripper(self, limb: str, motion: GripperMotion) -> None:
+        """Passes an order on."""
+        self._with_grippers().order_gripper(limb, motion)
+
+    def gripper_report(self, limb: str) -> GripperReport:
+        """What is known of a gripper now."""
+        return self._with_grippers().gripper_report(limb)
+
+    def _with_grippers(self) -> GripperRobot:
+        if not isinstance(self._backend, GripperRobot):
+            raise NotConnected("this robot takes no orders for grippers")
+        return self._backend
 
     def finish(self, how: Finish) -> None:
         """Ends it."""

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 from impedance_modules.errors import BadInput
 from impedance_modules.spec.between_spec import BetweenSpec
+from impedance_modules.spec.gripper_spec import GripperCondition
 from impedance_modules.spec.hinge_spec import HINGE
 from impedance_modules.spec.set_point_limits import SetPointLimits
 from impedance_modules.spec.task import (
@@ -30,7 +31,8 @@ def as_taught(task: TaskSpec) -> TaskSpec:
 def scaled(task: TaskSpec, scale: float) -> TaskSpec:
     """Multiplies every stiffness, damping and force of a task by ``scale``.
 
-    Damping that follows from a ratio goes with zeta sqrt(K Lambda), so the ratio is multiplied by sqrt(scale).
+    Damping that follows from a ratio goes with zeta sqrt(K Lambda), so the ratio is multiplied by sqrt(scale). What a
+    gripper is asked to hold with stays: half of it would drop what the task needs.
 
     Raises:
         BadInput: The scale is not in (0, 1].
@@ -147,6 +149,11 @@ def _single_arm_phase(task: TaskSpec, phase: PhaseSpec, arm: str) -> PhaseSpec:
         raise BadInput(
             f"--arm {arm}: phase '{phase.name}' of task '{task.name}' waits for what '{condition.target}' rubs"
         )
+    if isinstance(condition, GripperCondition) and set(condition.states) != {arm}:
+        raise BadInput(
+            f"--arm {arm}: phase '{phase.name}' of task '{task.name}' waits for the gripper of"
+            f" {', '.join(condition.states)}"
+        )
     own = ("object", HINGE, f"{arm}.")
     return replace(
         phase,
@@ -156,4 +163,5 @@ def _single_arm_phase(task: TaskSpec, phase: PhaseSpec, arm: str) -> PhaseSpec:
         stiffness={k: v for k, v in phase.stiffness.items() if k.startswith(own)},
         listen=tuple(target for target in phase.listen if target.startswith(own)),
         submovements={k: v for k, v in phase.submovements.items() if k.startswith(own)},
+        grippers={k: v for k, v in phase.grippers.items() if k == arm},
     )

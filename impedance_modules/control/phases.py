@@ -10,10 +10,12 @@ import numpy as np
 
 from impedance_modules.control.contact_detection import ContactJudge, HandWrenches
 from impedance_modules.control.controller import Controller
+from impedance_modules.control.gripper_watch import GripperJudge, GripperWatch
 from impedance_modules.control.roughness_detection import SmoothJudge
 from impedance_modules.modules.between_spring import springs_at
 from impedance_modules.modules.equilibrium import OBJECT_TARGETS, PhaseMotion
 from impedance_modules.robot.rotation import log3
+from impedance_modules.spec.gripper_spec import GripperCondition
 from impedance_modules.spec.task import ContactCondition, PhaseSpec, ReachedCondition, SmoothCondition
 
 SLOWEST = 20.0
@@ -94,9 +96,9 @@ class Sequence:
         ended: How every finished phase ended, (name, seconds, reason).
     """
 
-    def __init__(self, controller: Controller, touch: HandWrenches) -> None:
+    def __init__(self, controller: Controller, touch: HandWrenches, grippers: GripperWatch) -> None:
         self._controller = controller
-        self._touch = touch
+        self._touch, self._grippers = touch, grippers
         self._phases = controller.assembly.task.phases
         self.index = 0
         self.ended: list[tuple[str, float, str]] = []
@@ -140,7 +142,7 @@ class Sequence:
         self._judge = self._make_judge()
         return Outcome.NEXT
 
-    def _make_judge(self) -> ContactJudge | SmoothJudge | ArrivalJudge | None:
+    def _make_judge(self) -> ContactJudge | SmoothJudge | ArrivalJudge | GripperJudge | None:
         """Prepares what the current phase waits for; None where it waits for its duration alone."""
         until, model = self.phase.until, self._controller.assembly.weighed
         if isinstance(until, ContactCondition):
@@ -149,6 +151,8 @@ class Sequence:
             return SmoothJudge(until, model, self._touch.period)
         if isinstance(until, ReachedCondition):
             return ArrivalJudge(until, self._controller, self._touch.period)
+        if isinstance(until, GripperCondition):
+            return GripperJudge(until, self._grippers)
         return None
 
     def _met(self) -> bool:
@@ -163,4 +167,6 @@ def _condition_name(phase: PhaseSpec) -> str:
         return "contact" if phase.until.present else "loss of contact"
     if isinstance(phase.until, SmoothCondition):
         return "smooth surface"
+    if isinstance(phase.until, GripperCondition):
+        return ", ".join(f"gripper of {arm} '{state}'" for arm, state in phase.until.states.items())
     return "arrival" if phase.until is not None else "end"

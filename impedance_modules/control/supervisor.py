@@ -13,12 +13,14 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.backends.grippers import GripperRobot
 from impedance_modules.backends.protocol import FirstState
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.control.contact_detection import ContactLoss, HandWrenches
 from impedance_modules.control.controller import Controller
 from impedance_modules.control.cycle import EFFORT_NOT_FINITE, STATE_NOT_FINITE
 from impedance_modules.control.equilibrium_following import Following, following_nothing
+from impedance_modules.control.gripper_watch import GripperWatch
 from impedance_modules.control.phases import Outcome, Sequence
 from impedance_modules.control.set_point_source import SetPointSource, report_of
 from impedance_modules.robot.state import RobotState
@@ -58,6 +60,7 @@ class Supervisor:
         controller: The law.
         sequence: The phases.
         touch: Wrenches on the hands.
+        grippers: What they were ordered and report.
         followed: What followed set-points in the last cycle of the law; ``look`` may have ended its phase since.
         decisions: Arm -> what it sends and why.
         ending: None while the run goes on.
@@ -65,8 +68,22 @@ class Supervisor:
         messages: (time, text) of everything worth telling.
     """
 
-    def __init__(self, assembly: Assembly, source: SetPointSource | None = None) -> None:
-        """Takes the task, and where set-points come from in phases that listen; None where nothing comes."""
+    def __init__(
+        self,
+        assembly: Assembly,
+        source: SetPointSource | None = None,
+        grippers: GripperRobot | None = None,
+    ) -> None:
+        """Takes the task and what it needs besides states.
+
+        Args:
+            assembly: The task.
+            source: Where set-points come from in phases that listen; None where nothing comes.
+            grippers: Takes the orders of the task's grippers (``grippers_of``); None for a task without.
+
+        Raises:
+            BadInput: The task orders grippers, and nothing takes that.
+        """
         self.assembly = assembly
         self._source = source
         self.followed: Following = following_nothing()
@@ -78,7 +95,8 @@ class Supervisor:
             self.controller.kinematics,
             self._every * assembly.period,
         )
-        self.sequence = Sequence(self.controller, self.hand_wrenches)
+        self.grippers = GripperWatch(assembly, grippers)
+        self.sequence = Sequence(self.controller, self.hand_wrenches, self.grippers)
         self.decisions: dict[str, Decision] = {arm.limb.name: RUNNING for arm in assembly.modules.arms}
         self._hardest = StopLevel.RUN
         self.ending: Ending | None = None
@@ -146,7 +164,7 @@ class Supervisor:
         self.hand_wrenches.reset(first.state)
         self._velocity, self._time = first.state.velocity, first.state.time
         self._begin_listening()
-        self._say(first.state.time, f"phase '{self.sequence.phase.name}'")
+        self._enter_phase(first.state.time)
 
     def step(self, state: RobotState | None, *, late: bool, stop_request: str | None) -> Array | None:
         """Decides what leaves in one cycle; ``look`` follows once it has left.
@@ -222,6 +240,9 @@ class Supervisor:
         for text in self._lost_contact.look():
             self._say(state.time, text)
         self._report(state)
+        self._seen = self.grippers.look()
+        if self._seen:
+            return
         outcome = self.sequence.look(state.time)
         if outcome is Outcome.NOT_MET:
             self._seen = [Occurrence(Event.PHASE_NOT_MET, None, self.sequence.why_not_met())]
@@ -232,9 +253,15 @@ class Supervisor:
         if outcome is Outcome.DONE:
             self.ending = Ending.DONE
         else:
-            self._say(state.time, f"phase '{self.sequence.phase.name}'")
             self.controller.next_phase(self.sequence.phase)
             self._begin_listening()
+            self._enter_phase(state.time)
+
+    def _enter_phase(self, time: float) -> None:
+        """Says which phase begins and orders what it asks of grippers."""
+        phase = self.sequence.phase
+        self._say(time, f"phase '{phase.name}'")
+        self.grippers.begin(phase, lambda text: self._say(time, text))
 
     def _report(self, state: RobotState) -> None:
         """Tells the source of set-points how the run is, and the log what the source has to tell."""

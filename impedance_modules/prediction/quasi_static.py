@@ -30,7 +30,11 @@ from impedance_modules.modules.minimum_jerk import minimum_jerk, minimum_jerk_sl
 from impedance_modules.prediction.implicit_step import EquationOfMotion, ImplicitStep
 from impedance_modules.prediction.mechanism import Mechanism, Setting
 from impedance_modules.prediction.phase_end import ExternalForce, PhaseEnd
+from impedance_modules.spec.gripper_spec import GripperCondition
 from impedance_modules.spec.task import EQUILIBRIUM, PhaseSpec, SmoothCondition
+
+NOT_PREDICTED = (SmoothCondition, GripperCondition)
+"""Conditions whose coming nobody can foretell; the phase is taken to last for its duration."""
 
 MIDDLE = 0.55
 """Part of a step at which forces balance; 1 in steps in which a point meets or leaves a surface."""
@@ -65,7 +69,7 @@ class PredictedPhase:
         motion: Of its equilibria.
         began, ended: When [s].
         clock: Where the phase's clock stopped: ``duration``, or earlier where ``until`` was met [s].
-        met: Whether ``until`` was met; None without one.
+        met: Whether ``until`` was met; None without one, and for one that is not predicted.
         samples: Those of the prediction that belong to it.
         q: (n,) where it ended [rad].
         friction_rest: Where the friction of the object's hinge has slipped to there [rad]; None without a hinge.
@@ -201,7 +205,7 @@ class _Integration:
             began=began,
             ended=self._time,
             clock=clock,
-            met=None if spec.until is None or isinstance(spec.until, SmoothCondition) else met,
+            met=None if spec.until is None or isinstance(spec.until, NOT_PREDICTED) else met,
             samples=slice(first, len(self.samples)),
             q=self._q.copy(),
             friction_rest=None if self._implicit.hinge is None else self._implicit.hinge.state.friction_rest,

@@ -12,6 +12,7 @@ from impedance_modules.arrays import Array
 from impedance_modules.backends.protocol import Backend, RealRobot
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.control.controller import WarmUp
+from impedance_modules.control.gripper_watch import grippers_of
 from impedance_modules.control.loop import Interrupt, no_collections, run_loop
 from impedance_modules.control.set_point_source import SetPointSource
 from impedance_modules.control.signals import as_interrupt
@@ -94,9 +95,11 @@ def carry_out(
         source: Of set-points, for phases that listen; None where nothing comes.
 
     Raises:
-        ImpedanceError: The robot cannot be started or the files cannot be written.
+        ImpedanceError: The robot cannot be started, takes no orders for the task's grippers, or the files cannot be
+            written.
     """
-    supervisor = Supervisor(assembly, source)
+    grippers = grippers_of(backend, assembly, f"--backend {options.backend}", read_only=options.read_only)
+    supervisor = Supervisor(assembly, source, grippers)
     supervisor.controller.warm()
     simulated = options.backend in SIMULATED
     real = backend if isinstance(backend, RealRobot) else None

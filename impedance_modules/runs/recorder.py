@@ -14,6 +14,7 @@ from impedance_modules.compiled import compiled
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.control.cycle import Cycle
 from impedance_modules.control.equilibrium_following import Following
+from impedance_modules.control.gripper_watch import gripper_columns
 from impedance_modules.control.hinge_reading import hinge_reading, read_hinge
 from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.episode.columns import (
@@ -179,6 +180,7 @@ class Recorder:
         )
         self._scalars_at = names.index("rung")
         self._set_points = self._set_points_of(names, _followed(assembly))
+        self._grippers = self._part_of(names, gripper_columns(assembly.task))
         self._hinge = hinge_reading(assembly.modules.held, _hands(assembly))
 
     def _set_points_of(self, names: list[str], targets: tuple[str, ...]) -> Array | None:
@@ -188,6 +190,13 @@ class Recorder:
         wide = set_point_columns(targets[0])
         first = names.index(wide[0])
         return self.row[first : first + len(targets) * len(wide)].reshape(len(targets), len(wide))
+
+    def _part_of(self, names: list[str], wanted: tuple[str, ...]) -> Array | None:
+        """The part of a row that some columns, which stand together, have; None for none."""
+        if not wanted:
+            return None
+        first = names.index(wanted[0])
+        return self.row[first : first + len(wanted)]
 
     def warm(self) -> None:
         """Fills a row once without recording it: a first call waits for its machine code, for longer than a period."""
@@ -215,6 +224,8 @@ class Recorder:
         row[at + 2], row[at + 3] = late, interrupted
         if self._set_points is not None:
             _write_set_points(self._set_points, supervisor.followed)
+        if self._grippers is not None:
+            supervisor.grippers.write(self._grippers)
         if self._hinge is not None:
             read_hinge(self._hinge, controller.cycle.arms, supervisor.hand_wrenches.wrench)
             row[self._own - 2], row[self._own - 1] = self._hinge.angle, self._hinge.torque
@@ -246,6 +257,7 @@ def columns(
     for hand in hands:
         names += wrench_columns(hand)
     names += [name for name, _, _ in modules]
+    names += gripper_columns(assembly.task)
     for target in _followed(assembly):
         names += set_point_columns(target)
     if assembly.modules.held is not None and assembly.modules.held.hinge is not None:

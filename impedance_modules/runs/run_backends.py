@@ -16,6 +16,7 @@ from impedance_modules.backends.preflight import PreflightResult
 from impedance_modules.backends.protocol import Backend
 from impedance_modules.backends.replay_backend import ReplayBackend
 from impedance_modules.backends.sim_backend import SimBackend
+from impedance_modules.backends.sim_grippers import SimulatedGrippers
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.control.contact_detection import contact_checks
 from impedance_modules.episode.data import Episode
@@ -56,7 +57,8 @@ def mujoco_backend(
         patch=assembly.patch,
         mjcf=mjcf,
     )
-    return SimBackend(plant, modules.posture, assembly.period)
+    grippers = SimulatedGrippers(assembly.robot.limbs, task.object)
+    return SimBackend(plant, modules.posture, assembly.period, grippers)
 
 
 def replay_backend(assembly: Assembly, log: Path) -> ReplayBackend:

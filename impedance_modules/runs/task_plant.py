@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from impedance_modules.backends.sim_backend import SimBackend
+from impedance_modules.backends.sim_grippers import SimulatedGrippers
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.effects.apply import apply_to_plant
 from impedance_modules.plant.joint_servos import DrivenPlant
@@ -19,7 +20,8 @@ def sim_backend(assembly: Assembly, seed: int, *, noise: bool = True) -> SimBack
     options = PlantOptions(rate=assembly.rate, seed=seed, noise=noise)
     applied = None if assembly.patch is None else apply_to_plant(model, assembly.patch)
     plant = Plant(model, task.environment, held, options, applied, pushes=task.pushes)
-    return SimBackend(plant, assembly.modules.posture, assembly.period)
+    grippers = SimulatedGrippers(assembly.robot.limbs, task.object)
+    return SimBackend(plant, assembly.modules.posture, assembly.period, grippers)
 
 
 def playback_plant(assembly: Assembly, seed: int, *, noise: bool = True) -> DrivenPlant:

@@ -96,7 +96,8 @@ def _told(trial: Trial) -> str:
 
 def _carried_out(assembly: Assembly, seed: int, on_progress: Callable[[float, str], None]) -> _Watch:
     """Runs the whole task on the plant, or until a joint is too fast."""
-    backend, supervisor = sim_backend(assembly, seed), Supervisor(assembly)
+    backend = sim_backend(assembly, seed)
+    supervisor = Supervisor(assembly, grippers=backend)
     supervisor.controller.warm()
     watch = _Watch(supervisor, backend, on_progress)
     with no_collections():

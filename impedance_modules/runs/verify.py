@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from impedance_modules.arrays import Array
 from impedance_modules.backends.replay_backend import LONGEST_GAP, ReplayBackend
 from impedance_modules.control.assembly import Assembly, assemble
+from impedance_modules.control.gripper_watch import grippers_of
 from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.episode.data import Episode
 from impedance_modules.episode.metadata import library_versions
@@ -141,7 +142,8 @@ def verify(episode: Episode, on_progress: Callable[[float], None]) -> Verificati
     late, asked = (_marks(episode, name) for name in ("late", "interrupt"))
     dropped = np.append(late[1:], False)
     missed = _missed_cycles(episode, assembly.rate)
-    supervisor = Supervisor(assembly, recorded_set_points(episode, assembly.task.set_points))
+    grippers = grippers_of(backend, assembly, episode.name)
+    supervisor = Supervisor(assembly, recorded_set_points(episode, assembly.task.set_points), grippers)
     first = backend.start()
     supervisor.start(first)
     state: RobotState | None = first.state

@@ -23,6 +23,7 @@ own position mode. RELEASE is zero torque; the robot's own gravity compensation 
 | tank_starved | damp | full | short of energy for too long: something keeps draining it |
 | position_limit | damp | full | beyond the limit in spite of the QP's rows |
 | phase_not_met | damp | full | the task's own ``until`` was not met in time |
+| gripper_failed | damp | full | a gripper reports an error, is silent, or does not end its order in time |
 | interrupt | damp | full | a person stopped the run |
 | other_arm | damp | full | another arm stopped: this one brakes, it does not push on a held object |
 | collision | hold | - | the robot's collision detection has already stopped the arm |
@@ -70,6 +71,7 @@ class Event(StrEnum):
     TANK_STARVED = "tank_starved"
     POSITION_LIMIT = "position_limit"
     PHASE_NOT_MET = "phase_not_met"
+    GRIPPER_FAILED = "gripper_failed"
     INTERRUPT = "interrupt"
     OTHER_ARM = "other_arm"
     COLLISION = "collision"
@@ -98,6 +100,7 @@ LEVEL_OF: Mapping[Event, StopLevel] = {
     Event.TANK_STARVED: StopLevel.DAMP,
     Event.POSITION_LIMIT: StopLevel.DAMP,
     Event.PHASE_NOT_MET: StopLevel.DAMP,
+    Event.GRIPPER_FAILED: StopLevel.DAMP,
     Event.INTERRUPT: StopLevel.DAMP,
     Event.OTHER_ARM: StopLevel.DAMP,
     Event.COLLISION: StopLevel.HOLD,

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from impedance_modules.spec.gripper_spec import GripperCondition, build_gripper_order
 from impedance_modules.spec.hinge_spec import ANGLE, build_hinge
 from impedance_modules.spec.submovement_spec import SUBMOVEMENTS, build_submovements
 from impedance_modules.spec.task import (
@@ -211,6 +212,7 @@ def build_phase(raw: Raw, listened: tuple[str, ...] = ()) -> PhaseSpec:
             for target, given in raw.get("equilibrium", {}).items()
             if SUBMOVEMENTS in given
         },
+        grippers={arm: build_gripper_order(given) for arm, given in raw.get("grippers", {}).items()},
     )
 
 
@@ -225,7 +227,9 @@ def _coordinate(raw: Any) -> Coordinate:
     return Sine(float(sine["amplitude"]), float(sine["frequency"]), _number(sine, "center"))
 
 
-def _until(raw: Raw) -> ContactCondition | ReachedCondition | SmoothCondition:
+def _until(raw: Raw) -> ContactCondition | ReachedCondition | SmoothCondition | GripperCondition:
+    if "gripper" in raw:
+        return GripperCondition(dict(raw["gripper"]))
     if "smooth" in raw:
         smooth = raw["smooth"]
         return SmoothCondition(

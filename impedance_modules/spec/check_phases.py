@@ -10,6 +10,7 @@ from impedance_modules.errors import Problem, nearest
 from impedance_modules.spec.build_task import build_axes, build_matrix, build_numbers
 from impedance_modules.spec.check_arms import joint_name_problems, limit_problems
 from impedance_modules.spec.check_between import between_names
+from impedance_modules.spec.check_grippers import gripper_problems
 from impedance_modules.spec.check_hinge import hinge_target_problems
 from impedance_modules.spec.check_set_points import set_point_problems
 from impedance_modules.spec.check_springs import (
@@ -56,6 +57,7 @@ def phase_problems(draft: TaskDraft, arms: Mapping[str, DraftArm]) -> Iterator[P
                 yield from matrix_problems(draft, (*at, "stiffness", target), matrix)
         yield from _until_problems(draft, at)
         yield from _blend_problems(draft, at)
+    yield from gripper_problems(draft)
     yield from set_point_problems(draft, arms, springs)
     for arm in arms.values():
         yield from _changed_spring_problems(draft, arm)

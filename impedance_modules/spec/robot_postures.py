@@ -24,6 +24,7 @@ CONSEQUENCES = {
     "contact_detection": "contact may be felt late, or where there is none",
     "gravity_compensation": "the arms fall, or are lifted by their weight taken twice",
     "control_modes": "the robot takes no torques, and nothing of this can be carried out on it",
+    "gripper": "the gripper may hold less firmly, open less widely, or take longer than a task relies on",
     "inertia": "links weigh something else: statics, damping and forces are foretold of other links",
 }
 """Key of the list ``assumed`` -> what follows where the number is wrong."""

@@ -16,6 +16,7 @@ from typing import Any
 from impedance_modules.errors import BadFile, Problem, nearest
 from impedance_modules.input_files import is_file
 from impedance_modules.spec.document import Document, scan_document
+from impedance_modules.spec.gripper_spec import build_gripper
 from impedance_modules.spec.locate import ROBOT_FILE, find_robot
 from impedance_modules.spec.mesh_files import folders_looked_in
 from impedance_modules.spec.robot_postures import assumed_numbers, posture_problems
@@ -85,6 +86,7 @@ def robot_problems(document: Document, urdf: UrdfFacts) -> list[Problem]:
         *_playback_problems(document),
         *_inner_torque_loop_problems(document),
         *posture_problems(document),
+        *_gripper_problems(document),
     ]
 
 
@@ -95,9 +97,7 @@ def _build(data: Mapping[str, Any], folder: Path) -> RobotSpec:
         name=data["name"],
         # Resolved: a task may reach the folder through a link that does not last.
         urdf=(folder / data["urdf"]).resolve(),
-        limbs={
-            name: LimbSpec(name, limb["hand"], dict(limb["joints"])) for name, limb in data["limbs"].items()
-        },
+        limbs={name: _limb(name, limb) for name, limb in data["limbs"].items()},
         joints=_joints(data),
         locked={name: float(angle) for name, angle in data.get("locked", {}).items()},
         mirror=_mirror(data["mirror"]) if "mirror" in data else None,
@@ -118,6 +118,11 @@ def _build(data: Mapping[str, Any], folder: Path) -> RobotSpec:
             for name, limbs in data.get("postures", {}).items()
         },
     )
+
+
+def _limb(name: str, data: Mapping[str, Any]) -> LimbSpec:
+    gripper = build_gripper(data["gripper"]) if "gripper" in data else None
+    return LimbSpec(name, data["hand"], dict(data["joints"]), gripper)
 
 
 def _numbers(table: Mapping[str, float]) -> dict[str, float]:
@@ -195,6 +200,15 @@ def _inner_torque_loop_problems(document: Document) -> Iterator[Problem]:
                 ("inner_torque_loop",), message, ("numbers above 0 for every joint",), at="key"
             )
             return
+
+
+def _gripper_problems(document: Document) -> Iterator[Problem]:
+    """A gripper's narrowest opening is below its widest."""
+    for name, limb in document.data["limbs"].items():
+        if "gripper" in limb and not limb["gripper"]["opening"][0] < limb["gripper"]["opening"][1]:
+            narrowest, widest = limb["gripper"]["opening"]
+            message = f"the narrowest opening {narrowest} m must be below the widest, {widest} m"
+            yield document.problem(("limbs", name, "gripper", "opening"), message)
 
 
 def _limb_problems(document: Document, urdf: UrdfFacts) -> Iterator[Problem]:

@@ -10,6 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from impedance_modules.spec.gripper_spec import GripperSpec
+
 STANDARD_GRAVITY = 9.81
 """Acceleration of free fall, everywhere in this package and its plant [m/s^2]."""
 
@@ -53,11 +55,13 @@ class LimbSpec:
         name: e.g. what the task file calls it under ``arms``.
         hand: Frame (link) of the hand in the URDF.
         joints: Short joint name -> URDF joint name, from the base outwards.
+        gripper: At the hand; None where it has none.
     """
 
     name: str
     hand: str
     joints: Mapping[str, str]
+    gripper: GripperSpec | None = None
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from impedance_modules.spec.gripper_spec import GripperCondition, GripperOrder
 from impedance_modules.spec.hinge_spec import HingeSpec
 from impedance_modules.spec.set_point_limits import SetPointLimits
 from impedance_modules.spec.submovement_spec import Submovement
@@ -383,6 +384,7 @@ class PhaseSpec:
         listen: Targets whose equilibria follow set-points that arrive meanwhile; none for most phases.
         beyond_reach: Whether its targets may lie where no posture brings the frames: springs that only pull that way.
         submovements: Target -> minimum-jerk displacements that are added to its coordinates.
+        grippers: Arm -> what is asked of its gripper when the phase begins.
     """
 
     name: str
@@ -391,12 +393,13 @@ class PhaseSpec:
     posture: Mapping[str, Mapping[str, float]]
     axes: Mapping[str, Mapping[str, HybridAxis]]
     stiffness: Mapping[str, Matrix]
-    until: ContactCondition | ReachedCondition | SmoothCondition | None
+    until: ContactCondition | ReachedCondition | SmoothCondition | GripperCondition | None
     otherwise: str
     listen: tuple[str, ...] = ()
     blend: float | None = None
     beyond_reach: bool = False
     submovements: Mapping[str, tuple[Submovement, ...]] = field(default_factory=dict)
+    grippers: Mapping[str, GripperOrder] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -75,7 +75,8 @@ def run_one(job: SweepJob) -> SweepRow:
 
 
 def _carry_out(assembly: Assembly, job: SweepJob, out: Path) -> Mapping[str, Any]:
-    supervisor, backend = Supervisor(assembly), sim_backend(assembly, job.seed)
+    backend = sim_backend(assembly, job.seed)
+    supervisor = Supervisor(assembly, grippers=backend)
     supervisor.controller.warm()
     first = backend.start()
     recorder = Recorder(out, supervisor, first.acting, job.seed, "sim", simulated=True, real=None)

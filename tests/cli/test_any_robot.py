@@ -29,7 +29,8 @@ from tests.support.shipped_runs import SAMPLES, watch
 FOLDER = CHECKOUT / "tasks" / "any-robot"
 NAMES = tuple(sorted(path.stem for path in FOLDER.glob("*.yaml")))
 TWO_ARMS = ("carry-box", "lead-and-follow", "part-and-meet")
-ONE_ARM = tuple(name for name in NAMES if name not in TWO_ARMS)
+GRIPPER = ("pick-and-place",)
+ONE_ARM = tuple(name for name in NAMES if name not in (*TWO_ARMS, *GRIPPER))
 ROBOTS = ("fr3-pair", "panda", "ur5e-pair")
 
 
@@ -47,6 +48,28 @@ def test_one_arm_runs_on_each_robot(name: str, robot: str, tmp_path: Path) -> No
 @pytest.mark.parametrize("name", TWO_ARMS)
 def test_two_arms_run_on_each_pair(name: str, robot: str, tmp_path: Path) -> None:
     assert run(name, robot, tmp_path / "run", duration=0.2) is Ending.INTERRUPTED
+
+
+@pytest.mark.parametrize("robot", ["fr3-pair", "panda"])
+def test_a_gripper_is_ordered_on_each_robot_that_has_one(robot: str, tmp_path: Path) -> None:
+    assert run("pick-and-place", robot, tmp_path / "run", duration=0.2) is Ending.INTERRUPTED
+    extra = read_episode(tmp_path / "run" / "episode.parquet").extra
+    assert extra["gripper.right.ordered_width"][-1] == pytest.approx(0.08)
+
+
+def test_a_robot_without_grippers_is_refused_with_every_line_that_asks_for_one() -> None:
+    with pytest.raises(BadFile) as caught:
+        read_task("pick-and-place", robot="ur5e-pair")
+    assert [problem.path for problem in caught.value.problems] == [
+        "phases[0].grippers.right",
+        "phases[1].grippers.right",
+        "phases[1].until.gripper.right",
+        "phases[5].grippers.right",
+        "phases[5].until.gripper.right",
+    ]
+    for problem in caught.value.problems:
+        assert "robot 'ur5e-pair' has no gripper" in problem.message
+        assert problem.valid == ("no such key, or a robot that has one: baxter, fr3-pair, panda",)
 
 
 @pytest.mark.parametrize("robot", ["baxter", *ROBOTS])

@@ -13,6 +13,7 @@ import pytest
 import yaml
 
 from impedance_modules.errors import BadFile, BadInput
+from impedance_modules.spec.gripper_spec import GripperCondition, GripperOrder
 from impedance_modules.spec.locate import find_robot, find_schema, find_task, list_robots
 from impedance_modules.spec.robot_reader import read_robot
 from impedance_modules.spec.task import ContactCondition, HybridAxis, ReachedCondition, Sine, SmoothCondition
@@ -81,7 +82,13 @@ def test_every_key_arrives():
     assert elbow.stiffness[2, 2] == 40 and np.count_nonzero(elbow.stiffness) == 1
     assert task.arms["left"].springs[1].frame == "left_upper_forearm"
     assert task.object.size == (0.2, 0.3) and task.object.friction == 0.6 and task.object.squeeze == 20
-    lower, press, slide, rub = task.phases
+    lower, press, slide, rub, grip, widen = task.phases
+    assert grip.grippers == {
+        "right": GripperOrder("close", force=20.0, speed=0.05),
+        "left": GripperOrder("open"),
+    }
+    assert grip.until == GripperCondition({"right": "held"})
+    assert widen.grippers == {"right": GripperOrder("width", width=0.04, speed=0.05)}
     assert rub.until == SmoothCondition("right", "-x", "z", "spectrum", 0.12, 4, 0.95)
     assert task.environment[1].wood.splinters.force == (10.0, 25.0)
     assert lower.until == ContactCondition(True, 4.0, 0.1, "object") and lower.otherwise == "next"
