@@ -87,6 +87,7 @@ class Ros2Connection:
 
     Attributes:
         gravity: Who carries the arms' weight: ``robot``, or ``controller``, which is this program.
+        effort: Whether the reported efforts hold the arms' weight: ``with_weight`` or ``without_weight``.
         controllers: Where torques go.
         joint_states: Topic of the states.
         reliable: Whether states are subscribed to as reliable; a best-effort publisher is then not heard.
@@ -96,6 +97,7 @@ class Ros2Connection:
     """
 
     gravity: str
+    effort: str
     controllers: tuple[EffortController, ...]
     joint_states: str = "/joint_states"
     reliable: bool = False
@@ -147,6 +149,7 @@ def _ros2(data: Mapping[str, Any]) -> Ros2Connection:
     watch = {key: float(value) for key, value in data.get("watch", {}).items()}
     return Ros2Connection(
         gravity=data["gravity"],
+        effort=data["effort"],
         controllers=tuple(
             EffortController(each["topic"], tuple(each["joints"])) for each in data["controllers"]
         ),

@@ -10,6 +10,7 @@ BRAKE = SAFETY + "brake.py"
 
 EXPECTED, OVERSPEED = SAFETY + "expected_motion.py", SAFETY + "overspeed.py"
 DISTANCES = "impedance_modules/robot/distances.py"
+ROS2_CHECKS = "impedance_modules/backends/ros2/ros2_checks.py"
 
 T = "tests/safety/test_"
 TESTS = {
@@ -26,7 +27,16 @@ TESTS = {
     PROBLEM: (T + "filter_problem.py", T + "filter.py"),
     ATTRIBUTE: (T + "filter_attribution.py",),
     BRAKE: (T + "brake.py",),
+    ROS2_CHECKS: ("tests/backends/ros2/test_ros2_checks.py",),
 }
+
+EFFORT_MUTANTS = (
+    (ROS2_CHECKS, "np.linalg.norm(effort - weight)) <=", "np.linalg.norm(effort + weight)) <="),
+    (ROS2_CHECKS, "along > LEFT_OVER * size * size", "along > LEFT_OVER * size"),
+    (ROS2_CHECKS, "and along >= PROPORTIONAL * tau * size", ""),
+    (ROS2_CHECKS, "tau > GEAR_FRICTION * size or proportional", "tau > GEAR_FRICTION * size"),
+    (ROS2_CHECKS, "tau > GEAR_FRICTION * size or proportional", "proportional"),
+)  # fmt: skip
 
 BRAKE_MUTANTS = (
     (BRAKE, "(period * (delay + 1) + UNKNOWN_DELAY)", "(period + UNKNOWN_DELAY)"),
@@ -288,4 +298,5 @@ MUTANTS = (
     *ACTIVE_SET_MUTANTS,
     *STOP_MUTANTS,
     *BRAKE_MUTANTS,
+    *EFFORT_MUTANTS,
 )

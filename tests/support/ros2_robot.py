@@ -15,6 +15,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from importlib.util import find_spec
 from itertools import count as count_from
 from pathlib import Path
@@ -92,7 +93,8 @@ def simulated_robot(task: Path, rate: float, **options: Any) -> Iterator[Simulat
         task: A task file.
         rate: Of its states [Hz].
         options: ``topic`` of its controller, ``carries`` its own weight, joints left out (``without``), efforts or
-            velocities that are empty (``empty``), ``joints`` in the controller's order.
+            velocities that are empty (``empty``), ``joints`` in the controller's order, and what efforts hold
+            (``effort``): ``with_weight``, ``without_weight``, or ``amperes``, as drives of 12 N.m/A report them.
     """
     asked = {
         "topic": "/forward_effort_controller/commands",
@@ -100,6 +102,7 @@ def simulated_robot(task: Path, rate: float, **options: Any) -> Iterator[Simulat
         "without": [],
         "empty": [],
         "joints": [],
+        "effort": "with_weight",
         **options,
     }
     process = subprocess.Popen(
@@ -154,7 +157,10 @@ def main(arguments: list[str]) -> None:
             torque -= 0.0 if asked["carries"] else assembly.model.gravity(state.position)
         robot.write(torque)
         state = robot.read() or state
-        _publish(node, newest["fault"], names, held, state, began + cycle / rate, asked["empty"])
+        weight = assembly.model.gravity(state.position) if asked["effort"] == "without_weight" else 0.0
+        effort = (state.effort - weight) / (12.0 if asked["effort"] == "amperes" else 1.0)
+        reported = replace(state, effort=effort)
+        _publish(node, newest["fault"], names, held, reported, began + cycle / rate, asked["empty"])
         time.sleep(max(0.0, began + cycle / rate - time.time()))
 
 

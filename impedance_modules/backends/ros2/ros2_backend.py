@@ -3,6 +3,9 @@
 
 With ``gravity: controller`` the backend plays the part of a robot that carries its own weight: it adds g(q) of the
 robot's model to every torque, and what the run records as its command is without it.
+
+With ``effort: without_weight`` it adds g(q) to every measured effort, so that a recording's effort is the torque
+between gearbox and link whatever the robot reports; what was reported has columns of its own.
 """
 
 from __future__ import annotations
@@ -68,13 +71,14 @@ class Ros2Backend:
         Args:
             model: Of the robot.
             commanded: Limbs of the task.
-            connection: Topics, order of joints, who carries the weight, the watch.
+            connection: Topics, order of joints, who carries the weight, what efforts hold, the watch.
             options: Of the run.
             of_task: The task's own checks of a state at rest.
         """
         self._model, self._commanded, self._connection = model, commanded, connection
         self._options, self._of_task = options, of_task
         self._period = 1.0 / options.rate
+        self._adds_weight = connection.effort == "without_weight"
         self._link: Ros2Link | None = None
         self._zero_time = self._last_time = self._read_at = 0.0
         self._misses = 0
@@ -146,14 +150,17 @@ class Ros2Backend:
         """Does nothing: the node's process is the one that must be quick."""
 
     def extra_columns(self) -> tuple[str, ...]:
-        """Names the counts of dropped states, the stamps and arrivals, and the weight that was added."""
+        """Names counts of dropped states, stamps, arrivals, the weight that was sent, efforts as reported."""
         counts = tuple(f"dropped.{why.replace(' ', '_')}" for why in DROPPED)
-        return (*counts, "stamp", "arrival", *(f"weight.{joint}" for joint in self._model.joint_names))
+        joints = self._model.joint_names
+        reported = tuple(f"reported_effort.{joint}" for joint in joints) if self._adds_weight else ()
+        return (*counts, "stamp", "arrival", *(f"weight.{joint}" for joint in joints), *reported)
 
     def extra_values(self) -> Array:
         """Newest value of each [s], [N.m]."""
         link = self._opened()
-        return np.array([*link.dropped, link.moment, link.received, *self._weight])
+        reported = link.numbers[2] if self._adds_weight else ()
+        return np.array([*link.dropped, link.moment, link.received, *self._weight, *reported])
 
     def _opened(self) -> Ros2Link:
         if self._link is None:
@@ -169,12 +176,15 @@ class Ros2Backend:
             link.raise_if_refused()
             link.wait(0.1)
         before, began = link.states, time.monotonic()
+        efforts = []
         while time.monotonic() - began < LISTENING:
             link.wait(0.05)
             link.raise_if_refused()
+            efforts.append(link.numbers[2])
         graph = link.graph or graph
         rate = (link.states - before) / (time.monotonic() - began)
-        heard = Heard(graph, link.dropped, rate, self._state(link) if link.states else None)
+        state = self._state(link) if link.states else None
+        heard = Heard(graph, link.dropped, rate, state, np.mean(efforts, axis=0))
         results = check_robot(heard, self._model, self._commanded, self._connection, self._options.rate)
         own: Sequence[PreflightResult] = ()
         if heard.state is not None:
@@ -242,6 +252,8 @@ class Ros2Backend:
     def _state(self, link: Ros2Link) -> RobotState:
         self._weigh(link)
         numbers = link.numbers.copy()
+        if self._adds_weight:
+            numbers[2] += self._model.gravity(numbers[0])
         numbers.flags.writeable = False
         return RobotState(link.moment - self._zero_time, numbers[0], numbers[1], numbers[2])
 

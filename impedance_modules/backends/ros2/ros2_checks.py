@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from impedance_modules.arrays import Array
 from impedance_modules.backends.preflight import PreflightResult
 from impedance_modules.backends.ros2.ros2_node import DROPPED
 from impedance_modules.errors import BadInput
@@ -26,6 +27,18 @@ FINDING = 6.0
 STILL = 0.05
 """A joint faster than this is not at rest [rad/s]."""
 
+LEAST_WEIGHT = 2.0
+"""Norm of an arm's torques of weight below which no word can be told from the other [N.m]."""
+
+GEAR_FRICTION = 0.3
+"""How far the efforts of an arm at rest may be from what their word says, as a share of its weight: gears hold some."""
+
+PROPORTIONAL = 0.9
+"""Cosine between efforts and weight from which on the ones are taken for a multiple of the others."""
+
+LEFT_OVER = 0.05
+"""Largest share of the weight that efforts without it may hold all the same: models are not exact."""
+
 RANGE_MARGIN = 0.01
 """Every joint at least this far inside its range [rad]."""
 
@@ -39,12 +52,14 @@ class Heard:
         dropped: Numbers of dropped states, by the order of ``DROPPED``.
         rate: Complete states per second [Hz].
         state: The newest one, or None.
+        effort: (n,) mean of the efforts as they were reported [N.m].
     """
 
     graph: Mapping[str, Any]
     dropped: tuple[float, ...]
     rate: float
     state: RobotState | None
+    effort: Array
 
 
 def refuse_unfit_connection(
@@ -104,6 +119,7 @@ def check_robot(
         _check_finite(heard),
         *(_check_rest(heard.state, name, limb) for name, limb in commanded.items()),
         *(_check_range(heard.state, model, name, limb) for name, limb in commanded.items()),
+        *(_check_effort(heard, model, connection.effort, name, limb) for name, limb in commanded.items()),
     )
 
 
@@ -170,3 +186,48 @@ def _check_range(state: RobotState | None, model: RobotModel, name: str, limb: L
     ]
     found = "; ".join(outside) or "every joint inside"
     return PreflightResult(f"range {name}", not outside, found, "a pose inside the robot file's range")
+
+
+def effort_word(effort: Array, weight: Array) -> str:
+    r"""Says what the efforts of an arm at rest hold: ``with_weight``, ``without_weight``, or neither: ``unknown``.
+
+    With s = tau . g / g . g and the cosine c between both,
+
+        with weight      |tau - g| <= 0.3 |g|
+        without weight   |tau| <= 0.3 |g|, and s <= 0.05 or c < 0.9
+
+    Motor currents are proportional to the weight, with c near 1: those of Universal Robots have s near 0.1.
+
+    Args:
+        effort: tau (m,) as reported.
+        weight: g (m,) of the model [N.m], not zero.
+    """
+    size, tau = float(np.linalg.norm(weight)), float(np.linalg.norm(effort))
+    if float(np.linalg.norm(effort - weight)) <= GEAR_FRICTION * size:
+        return "with_weight"
+    along = float(effort @ weight)
+    proportional = along > LEFT_OVER * size * size and along >= PROPORTIONAL * tau * size
+    return "unknown" if tau > GEAR_FRICTION * size or proportional else "without_weight"
+
+
+def _check_effort(heard: Heard, model: RobotModel, word: str, name: str, limb: Limb) -> PreflightResult:
+    """Compares the efforts of an arm at rest with its weight by the model."""
+    if heard.state is None:
+        return PreflightResult(f"effort {name}", None, "no state", "")
+    effort = heard.effort[limb.joints]
+    weight = model.gravity(heard.state.position)[limb.joints]
+    if np.linalg.norm(weight) < LEAST_WEIGHT:
+        return PreflightResult(f"effort {name}", None, "no weight to compare with in this posture", "")
+    seen = effort_word(effort, weight)
+    joint = int(np.argmax(np.abs(weight)))
+    found = (
+        f"effort: {word}, but {limb.joint_names[joint]} reports {effort[joint]:.2f} at rest where the model's weight is"
+        f" {weight[joint]:.2f} N.m"
+    )
+    remedy = (
+        "efforts in N.m, not motor currents in A; a tool in the robot file; nothing that touches the arm; see the table"
+        " in docs/ros2.md"
+        if seen == "unknown"
+        else f"effort: {seen}, after a look at docs/ros2.md"
+    )
+    return PreflightResult(f"effort {name}", seen == word, found, remedy, for_motion=False)

@@ -10,12 +10,15 @@ import pytest
 from impedance_modules.control.assembly import assemble
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.errors import BadFile, BadInput, RobotRefused
+from impedance_modules.robot.model import RobotModel
 from impedance_modules.runs.arm_backends import ros2_backend
 from impedance_modules.runs.execution import RunOptions, RunResult, carry_out
 from impedance_modules.runs.verify import verify
 from impedance_modules.spec.connection_file import read_connection
+from impedance_modules.spec.robot_reader import read_robot
 from tests.support.baxter_process import ATTEMPTS, BUSY
 from tests.support.commands import refusal as refused
+from tests.support.paths import CHECKOUT
 from tests.support.ros2_robot import NO_ROS2, ROS2_PYTHON, own_domain, simulated_robot
 
 RATE = 200.0
@@ -49,10 +52,11 @@ phases:
     return path
 
 
-def connection(gravity: str = "robot", joints=JOINTS, more: str = "") -> str:
+def connection(gravity: str = "robot", joints=JOINTS, more: str = "", effort: str = "with_weight") -> str:
     listed = ", ".join(joints)
     return (
-        f"format: 1\nros2:\n  gravity: {gravity}\n  controllers: [{{topic: {TOPIC}, joints: [{listed}]}}]\n"
+        f"format: 1\nros2:\n  gravity: {gravity}\n  effort: {effort}\n"
+        f"  controllers: [{{topic: {TOPIC}, joints: [{listed}]}}]\n"
         f"  python: {ROS2_PYTHON or 'none'}\n"
         f"  watch: {{patience: 0.2, stale: 0.4, oldest: 0.8, least_share: 0.3}}\n{more}"
     )
@@ -121,6 +125,31 @@ class TestRuns:
         episode = read_episode(carried_out(tmp_path, connection("controller"), carries=False))
         assert episode.position["panda_joint1"][-1] > 0.1
         assert np.abs(episode.extra["weight.panda_joint2"]).min() > 1.0
+
+    def test_a_weight_that_efforts_leave_out_is_added_to_the_recording(self, tmp_path) -> None:
+        text = connection(effort="without_weight")
+        episode = read_episode(carried_out(tmp_path, text, effort="without_weight"))
+        model = RobotModel(read_robot(CHECKOUT / "robots" / "panda"))
+        first = np.array([episode.position[joint][0] for joint in model.joint_names])
+        found = np.array([episode.effort[joint][0] for joint in model.joint_names])
+        np.testing.assert_allclose(found, model.gravity(first), atol=1.0)
+        reported = [episode.extra[f"reported_effort.{joint}"][0] for joint in model.joint_names]
+        assert np.abs(found).max() > 10.0 and np.abs(reported).max() < 1.0
+
+    @pytest.mark.parametrize(
+        ("word", "reported", "remedy"),
+        [
+            ("with_weight", "without_weight", "(valid: effort: without_weight"),
+            ("without_weight", "with_weight", "(valid: effort: with_weight"),
+            ("with_weight", "amperes", "(valid: efforts in N.m, not motor currents in A"),
+            ("without_weight", "amperes", "(valid: efforts in N.m, not motor currents in A"),
+        ],
+    )
+    def test_efforts_that_are_not_what_their_word_says_are_refused(
+        self, tmp_path, word, reported, remedy
+    ) -> None:
+        said = refusal(tmp_path, connection(effort=word), effort=reported)
+        assert f"effort right: effort: {word}, but panda_joint" in said and remedy in said
 
     @pytest.mark.parametrize(("fault", "words"), [("mute", "no state"), ("nan", "no state")])
     def test_states_that_stop_end_the_run_calmly(self, tmp_path, fault, words) -> None:
@@ -208,6 +237,16 @@ def test_who_carries_the_weight_must_be_said(tmp_path) -> None:
     with pytest.raises(BadFile, match="look the robot up in docs/ros2") as found:
         read_connection(path)
     assert f"{path}:3:" in str(found.value)
+
+
+def test_what_efforts_hold_must_be_said(tmp_path) -> None:
+    path = tmp_path / "lab.yaml"
+    path.write_text(connection(effort="currents"))
+    with pytest.raises(BadFile, match="with the wrong word contact is felt at rest"):
+        read_connection(path)
+    path.write_text(connection().replace("  effort: with_weight\n", ""))
+    with pytest.raises(BadFile, match="effort"):
+        read_connection(path)
 
 
 def test_the_command_line_asks_for_a_connection_file(tmp_path) -> None:
