@@ -3,6 +3,9 @@
 
 ``compiled`` marks a function of numbers, arrays and ``records.Record``. It runs as Python until
 ``use_machine_code`` is called; from then on numba runs it. Numba is not imported before that.
+
+A law calls another one by its name, or by a number that a record holds (``call``): then the caller's code does not
+depend on which law it is, and is compiled once for all of them.
 """
 
 from __future__ import annotations
@@ -11,6 +14,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cached_property, update_wrapper
 from typing import Any, ClassVar, Generic, ParamSpec, TypeVar
+
+from impedance_modules.records import Record, record_at
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
@@ -45,6 +50,19 @@ class Law(Generic[Arguments, Result]):
 
         return dispatcher(self)
 
+    def address(self, *values: Any) -> int:
+        """Gives the number by which ``call`` finds the law, for values of these types.
+
+        It holds in this process, and for the way in which laws run now: ask again after ``use_machine_code``.
+        """
+        found = id(self)
+        if Law.in_machine_code:
+            from impedance_modules.machine_code import entry  # noqa: PLC0415 - numba is imported only where it is asked for
+
+            found = entry(self, values)
+        _LAW_AT[found] = self
+        return found
+
     @property
     def _numba_type_(self) -> Any:
         """What numba takes this object for when it meets it in a law."""
@@ -60,6 +78,24 @@ def compiled(function: Callable[Arguments, Result]) -> Law[Arguments, Result]:
     Division by zero gives infinity or NaN in machine code; callers test what they hand on for being finite.
     """
     return Law(function)
+
+
+_LAW_AT: dict[int, Law[..., Any]] = {}
+"""The laws whose addresses were asked for, which stay."""
+
+
+def call(law: int, *values: Any) -> None:
+    """Calls the law at an address (``Law.address``) from within a law; it returns nothing.
+
+    The values must have the types for which the address was asked; machine code does not look. A record may be given
+    by ``state_at``.
+    """
+    _LAW_AT[law](*values)
+
+
+def state_at(block: int) -> Record:
+    """Gives the record whose block is at an address (``Record.address``), to hand it to a law by ``call``."""
+    return record_at(block)
 
 
 def use_machine_code(on: bool = True) -> None:

@@ -43,12 +43,13 @@ from numba.core.extending import (
     lower_setattr_generic,
     models,
     register_model,
+    type_callable,
     unbox,
 )
-from numba.core.typing.templates import AttributeTemplate
+from numba.core.typing.templates import AbstractTemplate, AttributeTemplate, infer_global, signature
 from numba.np.arrayobj import make_array, populate_array
 
-from impedance_modules.compiled import Law
+from impedance_modules.compiled import Law, call, state_at
 from impedance_modules.records import Field, Layout
 
 _WORD = cgutils.intp_t
@@ -151,6 +152,43 @@ def _hand_out(_: RecordType, pointer: Any, c: Any) -> Any:
     record = _fixed(c.builder, pointer, 0, c.pyapi.pyobj)
     c.pyapi.incref(record)
     return record
+
+
+@type_callable(state_at)
+def _type_of_state(_: Any) -> Any:
+    """Tells numba that the record at an address is a pointer; whose law it is knows of what type."""
+    return lambda block: types.voidptr if isinstance(block, types.Integer) else None
+
+
+@lower_builtin(state_at, types.Integer)  # type: ignore[untyped-decorator]
+def _state_at(_: Any, builder: Any, __: Any, values: tuple[Any]) -> Any:
+    return builder.inttoptr(values[0], cgutils.voidptr_t)
+
+
+@infer_global(call)
+class _TypeOfCall(AbstractTemplate):
+    def generic(self, given: tuple[Any, ...], _: Any) -> Any:
+        """Tells numba that a law called by its address returns nothing."""
+        return signature(types.none, *given) if isinstance(given[0], types.Integer) else None
+
+
+@lower_builtin(call, types.Integer, types.VarArg(types.Any))  # type: ignore[untyped-decorator]
+def _call(context: Any, builder: Any, types_of: Any, values: tuple[Any, ...]) -> Any:
+    kinds, convention = types_of.args[1:], context.call_conv
+    kind = convention.get_function_type(types.none, kinds)
+    law = builder.inttoptr(values[0], kind.as_pointer())
+    status, _ = convention.call_function(builder, law, types.none, kinds, values[1:])
+    with cgutils.if_unlikely(builder, status.is_error):
+        convention.return_status_propagate(builder, status)
+    return context.get_dummy_value()
+
+
+def entry(law: Law[..., Any], values: tuple[Any, ...]) -> int:
+    """Gives the address of a law's machine code for values of these types; compiles or loads it where needed."""
+    made, kinds = law.machine_code, tuple(numba.typeof(value) for value in values)
+    made.compile(kinds)
+    code = made.overloads[kinds]
+    return int(code.library.get_pointer_to_function(code.fndesc.llvm_func_name))
 
 
 _UNREADABLE = (

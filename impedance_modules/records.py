@@ -13,6 +13,7 @@ A table is a one-dimensional array whose rows have named fields: ``tank.cells[i]
 
 from __future__ import annotations
 
+import ctypes
 from operator import attrgetter
 from typing import (
     Annotated,
@@ -132,6 +133,11 @@ class Record:
             else:
                 setattr(self, field.name, value)
 
+    @property
+    def address(self) -> int:
+        """Where its block begins; good as long as the record lives."""
+        return self._address
+
     def snapshot(self) -> dict[str, Any]:
         """Copies all numbers, arrays and records in it."""
         found = {}
@@ -196,6 +202,13 @@ def _access(field: Field) -> property:
         lambda record: number(record._integers[place]),
         lambda record, value: record._integers.__setitem__(place, bool(value) if number is bool else value),
     )
+
+
+def record_at(address: int) -> Record:
+    """Finds the living record whose block begins at an address: its first word is the Python object."""
+    place = ctypes.c_size_t.from_address(int(address)).value
+    record: Record = ctypes.cast(place, ctypes.py_object).value
+    return record
 
 
 def _again(cls: type[Record], values: dict[str, Any]) -> Record:

@@ -15,13 +15,15 @@ from typing import Literal
 import numpy as np
 
 from impedance_modules.arrays import Array
+from impedance_modules.compiled import compiled
 from impedance_modules.effects.effect import Effect, Regressor, Site, Stepped, Values, one_row
 from impedance_modules.effects.effect_description import Description, Parameter, Port, joint_parameter
-from impedance_modules.effects.joint_motion import EffectTorque, JointMotion, Shape
+from impedance_modules.effects.joint_motion import CompiledTorque, JointMotion, Shape
 from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.recorded_signals import Signals, differentiate
 from impedance_modules.effects.residual_kinds import Residual, Stage
 from impedance_modules.effects.simulator_numbers import Exported, one_number
+from impedance_modules.records import Record, Vector
 from impedance_modules.spec.robot_spec import RobotSpec
 
 
@@ -283,17 +285,28 @@ class ControllerGain(Effect):
         builder.torques.append(TrackingTorque(stiffness, damping))
 
 
-class TrackingTorque(EffectTorque):
+class TrackingState(Record):
+    """A loop around joints: dkp and dkd, (n,) each [N.m/rad], [N.m.s/rad]."""
+
+    stiffness: Vector
+    damping: Vector
+
+
+@compiled
+def add_tracking_torque(gains: TrackingState, motion: JointMotion, torque: Vector) -> None:
+    """Adds dkp (q_cmd - q) + dkd (v_cmd - v) [N.m]."""
+    for i in range(torque.size):
+        error = motion.position_command[i] - motion.position[i]
+        rate = motion.velocity_command[i] - motion.velocity[i]
+        torque[i] += gains.stiffness[i] * error + gains.damping[i] * rate
+
+
+class TrackingTorque(CompiledTorque):
     """Torque from the plant's own tracking error."""
 
     port: Literal["motor", "link"] = "motor"
+    law = add_tracking_torque
 
     def __init__(self, stiffness: Array, damping: Array) -> None:
         """Takes (n,) each [N.m/rad], [N.m.s/rad]."""
-        self._stiffness, self._damping = stiffness, damping
-
-    def torque(self, motion: JointMotion) -> Array:
-        """Gives dkp (q_cmd - q) + dkd (v_cmd - v), (n,) [N.m]."""
-        error = motion.position_command - motion.position
-        rate = motion.velocity_command - motion.velocity
-        return np.asarray(self._stiffness * error + self._damping * rate)
+        self.state = TrackingState(stiffness=stiffness, damping=damping)

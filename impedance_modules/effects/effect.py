@@ -18,11 +18,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
 from impedance_modules.arrays import Array
+from impedance_modules.compiled import Law
 from impedance_modules.effects.compensation_builder import CompensationBuilder, Diagnosed, IdentifiedNumbers
 from impedance_modules.effects.effect_description import Description, Port
 from impedance_modules.effects.joint_motion import JointSample, Shape, regularisation_velocity
@@ -286,22 +287,35 @@ class Effect(ABC):
 class JointLaw(Effect):
     """A torque that one joint consumes by a law of its own motion.
 
-    The law is written once, as ``basis``: plant and diagnosis both evaluate it. How the sign of dry friction
-    changes at a reversal is no part of a ``dry`` law: the diagnosis tries a regularisation velocity and a short
-    presliding displacement.
+    The law is written once: plant and diagnosis both evaluate it. How the sign of dry friction changes at a reversal
+    is no part of a ``dry`` law: the diagnosis tries a regularisation velocity and a short presliding displacement.
 
     Attributes:
+        law: ``(sample, shape, columns)``, marked ``compiled``: writes what the consumed torque is linear in to
+            ``columns[0]``, ``columns[1]`` and so on. ``sample`` has the fields of ``JointSample``, ``shape`` the values
+            of ``shape``, in their order. The text has no branches: the plant runs it on numbers, the diagnosis on
+            arrays over a recording. An effect that states ``basis`` instead needs none; the plant is slower then.
+        terms: Number of columns that ``law`` writes.
         dry: Whether it needs the sign of the speed.
         lower, upper: Physical bounds of the coefficients.
     """
 
+    law: ClassVar[Law[..., None] | None] = None
+    terms: ClassVar[int] = 1
     dry: bool = False
     lower: Bound = 0.0
     upper: Bound = np.inf
 
-    @abstractmethod
+    def __init_subclass__(cls) -> None:
+        if cls.law is None and cls.basis is JointLaw.basis:
+            raise TypeError(f"{cls.__qualname__} has no law (valid: a compiled 'law', or a method 'basis')")
+
     def basis(self, sample: JointSample, shape: Shape) -> Array:
-        """Computes what the consumed torque is linear in, (..., p)."""
+        """Computes what the consumed torque is linear in, (..., p); unless said otherwise by ``law``."""
+        columns = np.empty((*sample.velocity.shape, self.terms))
+        if self.law is not None:
+            self.law.python(sample, [shape[name] for name in self.shape], np.moveaxis(columns, -1, 0))
+        return columns
 
     def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """Evaluates the law over a recording."""
@@ -337,7 +351,10 @@ class JointLaw(Effect):
         pieces = [self.linear(values) for values in parameters.values()]
         shape = {name: np.array([own[name] for _, own in pieces]) for name in self.shape}
         coefficients = np.array([coefficient for coefficient, _ in pieces])
-        builder.add_law(self.basis, port, tuple(parameters), coefficients=coefficients, shape=shape)
+        text = self.law if type(self).basis is JointLaw.basis else None
+        builder.add_law(
+            self.basis, port, tuple(parameters), coefficients=coefficients, shape=shape, text=text
+        )
 
     def least(self, numbers: IdentifiedNumbers) -> Values:
         """Gives the parameters of the least friction that the intervals allow: lower ends, never below zero."""

@@ -8,15 +8,16 @@ from itertools import pairwise
 from typing import Literal
 
 import numpy as np
-import pinocchio as pin
 
 from impedance_modules.arrays import Array
+from impedance_modules.compiled import compiled
 from impedance_modules.effects.effect import Effect, Regressor, Site, Values, all_rows
 from impedance_modules.effects.effect_description import Description, Parameter, Port
-from impedance_modules.effects.joint_motion import EffectTorque, JointMotion, Shape
+from impedance_modules.effects.joint_motion import CompiledTorque, JointMotion, Shape
+from impedance_modules.effects.link_poses import add_point_force, on_joint_axes, point_of_link
 from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.residual_kinds import Residual
-from impedance_modules.effects.rigid_model import WORLD_AXES
+from impedance_modules.records import Integer, Record, Scalar, Vector
 from impedance_modules.robot.model import RobotModel
 
 FORCE = ("fx", "fy", "fz")
@@ -75,22 +76,41 @@ class ExternalContact(Effect):
             builder.torques.append(LinkPush(builder.model, link, force, (values["start"], values["end"])))
 
 
-class LinkPush(EffectTorque):
+class PushState(Record):
+    """A force on a link.
+
+    Attributes:
+        body: Row of the link.
+        offset: (3,) its frame's origin in its joint's axes [m].
+        force: (3,) in base axes [N].
+        start, end: When it acts [s].
+        point: (3,) where it acts now [m].
+    """
+
+    body: Integer
+    offset: Vector
+    force: Vector
+    start: Scalar
+    end: Scalar
+    point: Vector
+
+
+@compiled
+def add_push(push: PushState, motion: JointMotion, torque: Vector) -> None:
+    """Adds J^T f within the window [N.m]."""
+    if push.start <= motion.time < push.end:
+        point_of_link(motion.links, push.body, push.offset, push.point)
+        add_point_force(motion.links, push.body, push.point, push.force, torque)
+
+
+class LinkPush(CompiledTorque):
     """A force on a link of the plant."""
 
     port: Literal["motor", "link"] = "link"
+    law = add_push
 
     def __init__(self, model: RobotModel, link: str, force: Array, window: tuple[float, float]) -> None:
         """Takes the force (3,) in base axes [N] and when it acts [s]."""
-        self._model = model.pin_model
-        self._data = self._model.createData()
-        self._frame = model.frame_id(link)
-        self._force, self._window = force, window
-
-    def torque(self, motion: JointMotion) -> Array:
-        """Gives J^T f within the window (n,) [N.m]."""
-        start, end = self._window
-        if not start <= motion.time < end:
-            return np.zeros(motion.position.size)
-        J = pin.computeFrameJacobian(self._model, self._data, motion.position, self._frame, WORLD_AXES)
-        return np.asarray(J[:3].T @ self._force)
+        body, offset, _ = on_joint_axes(model, link, np.zeros(3))
+        start, end = window
+        self.state = PushState(body=body, offset=offset, force=force, start=start, end=end, point=np.zeros(3))

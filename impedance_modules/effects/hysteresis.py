@@ -16,11 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.arrays import Array
+from impedance_modules.compiled import compiled
 from impedance_modules.effects.effect import Effect, Regressor, Site, Values, one_row
 from impedance_modules.effects.effect_description import Description, Port, joint_parameter
-from impedance_modules.effects.joint_motion import EffectTorque, JointMotion, Shape, bent, follow
+from impedance_modules.effects.joint_motion import CompiledTorque, JointMotion, Shape, bent, follow
 from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.residual_kinds import Residual
+from impedance_modules.records import Flag, Indices, Record, Vector
 
 STRETCH = "stretch"
 """Shape: displacement fc / s0 over which the bristles bend, a presliding displacement [rad]."""
@@ -86,38 +88,66 @@ class Hysteresis(Effect):
         builder.torques.append(BristleTorque(side, joints, friction, friction / stiffness))
 
 
-class BristleTorque(EffectTorque):
+class BristleState(Record):
+    """Bristles on k joints.
+
+    Attributes:
+        motor: Whether they are on the motors' side of the gear.
+        joints: (k,) indices.
+        friction: (k,) fc [N.m].
+        stretch: (k,) fc / s0 [rad].
+        bend: (k,) zeta at the step's start.
+        place: (k,) position there [rad].
+    """
+
+    motor: Flag
+    joints: Indices
+    friction: Vector
+    stretch: Vector
+    bend: Vector
+    place: Vector
+
+
+@compiled
+def add_bristle_torque(bristles: BristleState, motion: JointMotion, torque: Vector) -> None:
+    """Subtracts fc zeta [N.m], after the displacement since the step began."""
+    position = motion.motor_position if bristles.motor else motion.position
+    for k in range(bristles.joints.size):
+        i = bristles.joints[k]
+        moved = position[i] - bristles.place[k]
+        torque[i] -= bristles.friction[k] * bent(bristles.bend[k], moved, bristles.stretch[k])
+
+
+@compiled
+def end_bristle_step(bristles: BristleState, motion: JointMotion) -> None:
+    """Keeps the bend at the step's end; a joint that has not moved keeps its bristles as they are."""
+    position = motion.motor_position if bristles.motor else motion.position
+    for k in range(bristles.joints.size):
+        now = position[bristles.joints[k]]
+        bristles.bend[k] = bent(bristles.bend[k], now - bristles.place[k], bristles.stretch[k])
+        bristles.place[k] = now
+
+
+class BristleTorque(CompiledTorque):
     """Bristles on some joints of the plant."""
 
+    law, ending = add_bristle_torque, end_bristle_step
+
     def __init__(
-        self, port: Literal["motor", "link"], joints: NDArray[np.intp], friction: Array, stretch: Array
+        self, port: Literal["motor", "link"], joints: NDArray[np.int64], friction: Array, stretch: Array
     ) -> None:
         """Takes joint indices (k,), fc (k,) [N.m] and fc / s0 (k,) [rad]."""
         self.port = port
-        self._joints, self._friction, self._stretch = joints, friction, stretch
-        self._bend = np.zeros(joints.size)
-        self._at = np.zeros(joints.size)
+        self.state: BristleState = BristleState(
+            motor=port == "motor",
+            joints=joints,
+            friction=friction,
+            stretch=stretch,
+            bend=np.zeros(joints.size),
+            place=np.zeros(joints.size),
+        )
 
     def start(self, motion: JointMotion, step: float) -> None:
         """Unbends every bristle."""
-        self._bend = np.zeros(self._joints.size)
-        self._at = self._position(motion)
-
-    def torque(self, motion: JointMotion) -> Array:
-        """Gives the torque (n,) [N.m] after the displacement since the step began."""
-        out = np.zeros(motion.position.size)
-        out[self._joints] = -self._friction * self._bent(motion)
-        return out
-
-    def settle(self, motion: JointMotion) -> None:
-        """Keeps the bend at the step's end."""
-        self._bend, self._at = self._bent(motion), self._position(motion)
-
-    def _bent(self, motion: JointMotion) -> Array:
-        moved = self._position(motion) - self._at
-        # A joint that has not moved keeps its bristles as they are.
-        return bent(self._bend, moved, self._stretch)
-
-    def _position(self, motion: JointMotion) -> Array:
         position = motion.motor_position if self.port == "motor" else motion.position
-        return np.array(position[self._joints])
+        self.state.bend[:], self.state.place[:] = 0.0, position[self.state.joints]

@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from impedance_modules.arrays import Array
+from impedance_modules.compiled import compiled
 from impedance_modules.effects.compensation_builder import (
     CompensationBuilder,
     Diagnosed,
@@ -21,6 +22,7 @@ from impedance_modules.effects.joint_motion import (
     regularisation_velocity,
 )
 from impedance_modules.effects.simulator_numbers import one_number
+from impedance_modules.records import Matrix, Row, Vector
 
 COULOMB = joint_parameter("fc", "N.m", "Coulomb friction", lower=0.0)
 
@@ -31,6 +33,55 @@ FULL_SLIDING = 2.0 * REGULARISATION_VELOCITY
 
 WARMING_MIN = 2.0
 """Shortest time constant with which grease is taken to warm up [s]."""
+
+
+@compiled
+def dry_friction(sample: Row, shape: Vector, columns: Matrix) -> None:  # noqa: ARG001 - every law has these
+    """Writes sgn(v)."""
+    columns[0] = sample.direction
+
+
+@compiled
+def viscous_friction(sample: Row, shape: Vector, columns: Matrix) -> None:  # noqa: ARG001
+    """Writes v."""
+    columns[0] = sample.velocity
+
+
+@compiled
+def stribeck_friction(sample: Row, shape: Vector, columns: Matrix) -> None:
+    """Writes sgn(v), and the bump alone: neither coefficient is negative, so fs is not below fc."""
+    direction = sample.direction
+    columns[0] = direction
+    columns[1] = direction * np.exp(-((sample.velocity / shape[0]) ** 2))
+
+
+@compiled
+def quadratic_drag(sample: Row, shape: Vector, columns: Matrix) -> None:  # noqa: ARG001
+    """Writes v |v|."""
+    columns[0] = sample.velocity * np.abs(sample.velocity)
+
+
+@compiled
+def asymmetric_friction(sample: Row, shape: Vector, columns: Matrix) -> None:  # noqa: ARG001
+    """Writes sgn(v) where v > 0, sgn(v) where v < 0, and |v|."""
+    direction = sample.direction
+    columns[0] = np.maximum(direction, 0.0)
+    columns[1] = np.minimum(direction, 0.0)
+    columns[2] = np.abs(sample.velocity)
+
+
+@compiled
+def load_dependent_friction(sample: Row, shape: Vector, columns: Matrix) -> None:  # noqa: ARG001
+    """Writes |load| sgn(v)."""
+    columns[0] = np.abs(sample.load) * sample.direction
+
+
+@compiled
+def drifting_friction(sample: Row, shape: Vector, columns: Matrix) -> None:
+    """Writes the part of v that is still cold and the part that is warm; neither has negative friction."""
+    cold = np.exp(-sample.time / shape[0])
+    columns[0] = cold * sample.velocity
+    columns[1] = (1.0 - cold) * sample.velocity
 
 
 class CoulombFriction(JointLaw):
@@ -54,9 +105,7 @@ class CoulombFriction(JointLaw):
 
     dry = True
 
-    def basis(self, sample: JointSample, shape: Shape) -> Array:
-        """Computes sgn(v)."""
-        return sample.direction[..., None]
+    law = dry_friction
 
 
 class ViscousFriction(JointLaw):
@@ -84,9 +133,7 @@ class ViscousFriction(JointLaw):
     compensation = "friction"
     compensated_at = ("actuator", "link")
 
-    def basis(self, sample: JointSample, shape: Shape) -> Array:
-        """Computes v."""
-        return sample.velocity[..., None]
+    law = viscous_friction
 
 
 class StribeckFriction(JointLaw):
@@ -114,10 +161,8 @@ class StribeckFriction(JointLaw):
     dry = True
     contrasts = ((0.0, 1.0),)
 
-    def basis(self, sample: JointSample, shape: Shape) -> Array:
-        """Computes sgn(v), and the bump alone: neither coefficient is negative, so fs is not below fc."""
-        slow = np.exp(-((sample.velocity / shape["vs"]) ** 2))
-        return np.asarray(sample.direction[..., None] * np.stack([np.ones_like(slow), slow], axis=-1))
+    law = stribeck_friction
+    terms = 2
 
     def linear(self, values: Values) -> tuple[Array, dict[str, float]]:
         """Coefficients fc and fs - fc."""
@@ -174,9 +219,7 @@ class QuadraticDrag(JointLaw):
     compensation = "friction"
     compensated_at = ("actuator", "link")
 
-    def basis(self, sample: JointSample, shape: Shape) -> Array:
-        """Computes v |v|."""
-        return np.asarray(sample.velocity * np.abs(sample.velocity))[..., None]
+    law = quadratic_drag
 
 
 class AsymmetricFriction(JointLaw):
@@ -210,10 +253,8 @@ class AsymmetricFriction(JointLaw):
     lower = (0.0, 0.0, -np.inf)  # dry friction takes energy in both directions; dv has a sign
     contrasts = ((1.0, -1.0, 0.0), (0.0, 0.0, 1.0))
 
-    def basis(self, sample: JointSample, shape: Shape) -> Array:
-        """Computes sgn(v) where v > 0, sgn(v) where v < 0, and |v|."""
-        s = sample.direction
-        return np.stack([np.maximum(s, 0.0), np.minimum(s, 0.0), np.abs(sample.velocity)], axis=-1)
+    law = asymmetric_friction
+    terms = 3
 
     def linear(self, values: Values) -> tuple[Array, dict[str, float]]:
         """Coefficients fc + da, fc - da, dv."""
@@ -261,9 +302,7 @@ class LoadDependentFriction(JointLaw):
     dry = True
     upper = 1.0  # a gear that locks itself
 
-    def basis(self, sample: JointSample, shape: Shape) -> Array:
-        """Computes |load| sgn(v)."""
-        return np.asarray(np.abs(sample.load) * sample.direction)[..., None]
+    law = load_dependent_friction
 
     def compensate(self, builder: CompensationBuilder, found: Diagnosed) -> None:
         """Overcomes it with the load that is asked for, not the measured one: nothing is fed back."""
@@ -294,10 +333,8 @@ class FrictionDrift(JointLaw):
     contrasts = ((1.0, -1.0),)
     shape = ("T",)
 
-    def basis(self, sample: JointSample, shape: Shape) -> Array:
-        """Computes the part of v that is still cold and the part that is warm; neither has negative friction."""
-        cold = np.exp(-sample.time / shape["T"])
-        return np.stack([cold * sample.velocity, (1.0 - cold) * sample.velocity], axis=-1)
+    law = drifting_friction
+    terms = 2
 
     def linear(self, values: Values) -> tuple[Array, dict[str, float]]:
         """Coefficients fv (cold) and fv (1 - k) (warm)."""

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 r"""Motion of joints: what an effect's law is a function of, and what the plant passes to an effect's torque.
 
-A `JointSample` is read by the same law twice: the plant hands over the joints of one instant, the diagnosis one
-joint over a whole recording. All its arrays have one shape, (k,) joints or (N,) samples.
+A `JointSample` is read by the same law twice: the plant hands over one joint at one instant, as a row of ``SAMPLE``,
+the diagnosis one joint over a whole recording. Its fields are numbers there and arrays here, all of one shape.
 
 Dry friction can change its sign over a speed, or over a displacement, as bristles that bend (Dahl 1968): over a
 displacement dq in one direction their bend moves towards sgn(dq) by the share 1 - exp(-|dq| / stretch), which is
@@ -14,12 +14,15 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Any, ClassVar, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.arrays import Array
+from impedance_modules.compiled import Law, compiled
+from impedance_modules.effects.link_poses import PlacedLinks, empty_poses
+from impedance_modules.records import Matrix, Record, Scalar, Vector
 
 Shape = Mapping[str, Array | float]
 """Values of the parameters that enter a law nonlinearly, by symbol; numbers or one per joint."""
@@ -29,6 +32,20 @@ REGULARISATION_VELOCITY, SLIDING_REGULARISATION_VELOCITY = 0.01, 0.001
 
 The diagnosis always uses this one, the plant a larger one where a light link would demand a shorter step.
 """
+
+
+SAMPLE = np.dtype(
+    [
+        ("time", np.float64),
+        ("position", np.float64),
+        ("velocity", np.float64),
+        ("acceleration", np.float64),
+        ("load", np.float64),
+        ("direction", np.float64),
+    ],
+    align=True,
+)
+"""One joint at one instant, as the plant hands it to a law: the fields of ``JointSample``."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +74,7 @@ class JointSample:
         """The regularised sign of the velocity, or the bend of the bristles."""
         if self.bristles is not None:
             return self.bristles
-        return sign(self.velocity, self.regularisation)
+        return np.asarray(sign.python(self.velocity, self.regularisation))
 
 
 def regularisation_velocity(sliding: NDArray[np.bool_]) -> Array:
@@ -65,14 +82,14 @@ def regularisation_velocity(sliding: NDArray[np.bool_]) -> Array:
     return np.where(sliding, SLIDING_REGULARISATION_VELOCITY, REGULARISATION_VELOCITY)
 
 
-def sign(velocity: Array, regularisation: Array | float = REGULARISATION_VELOCITY) -> Array:
-    """Gives the regularised sign tanh(v / v_0)."""
-    return np.asarray(np.tanh(velocity / regularisation))
+@compiled
+def sign(velocity: Array | float, regularisation: Array | float) -> Any:
+    """Gives the regularised sign tanh(v / v_0); as Python, of arrays too."""
+    return np.tanh(velocity / regularisation)
 
 
-@dataclass
-class JointMotion:
-    """Live views of the joints at one stage, all (n,); read them, do not write.
+class JointMotion(Record):
+    """The joints at one stage, all (n,); read them, do not write. The same object every time, with other numbers.
 
     Attributes:
         time: Of the step's start [s].
@@ -82,18 +99,60 @@ class JointMotion:
         load: Torque between gear and link at the step's start [N.m].
         drive: Torque asked of the motors: the command plus what the robot adds by itself [N.m].
         position_command, velocity_command: The joint motion the controller aims at [rad], [rad/s].
+        links: Where the links stand.
     """
 
-    time: float
-    position: Array
-    velocity: Array
-    motor_position: Array
-    motor_velocity: Array
-    command: Array
-    load: Array
-    drive: Array
-    position_command: Array
-    velocity_command: Array
+    time: Scalar
+    position: Vector
+    velocity: Vector
+    motor_position: Vector
+    motor_velocity: Vector
+    command: Vector
+    load: Vector
+    drive: Vector
+    position_command: Vector
+    velocity_command: Vector
+    links: PlacedLinks
+
+
+def joint_motion(n: int, links: PlacedLinks | None = None, **arrays: Array) -> JointMotion:
+    """Makes the motion of n joints over arrays of others, by name; those that are not given are new, and zero."""
+    missing = {f.name for f in JointMotion._layout.fields if f.ndim} - arrays.keys()
+    arrays |= {name: np.zeros(n) for name in missing}
+    return JointMotion(time=0.0, links=empty_poses(n) if links is None else links, **arrays)
+
+
+class JointHistory(Record):
+    """Motions one integration step apart, at least one: fields as in ``JointMotion``, (N,) or (N, n).
+
+    Whoever recorded them has no links' poses: nothing that remembers reads those.
+    """
+
+    time: Vector
+    position: Matrix
+    velocity: Matrix
+    motor_position: Matrix
+    motor_velocity: Matrix
+    command: Matrix
+    load: Matrix
+    drive: Matrix
+    position_command: Matrix
+    velocity_command: Matrix
+
+
+@compiled
+def take_from_history(history: JointHistory, k: int, motion: JointMotion) -> None:
+    """Writes the k-th motion of a history."""
+    motion.time = history.time[k]
+    motion.position[:] = history.position[k]
+    motion.velocity[:] = history.velocity[k]
+    motion.motor_position[:] = history.motor_position[k]
+    motion.motor_velocity[:] = history.motor_velocity[k]
+    motion.command[:] = history.command[k]
+    motion.load[:] = history.load[k]
+    motion.drive[:] = history.drive[k]
+    motion.position_command[:] = history.position_command[k]
+    motion.velocity_command[:] = history.velocity_command[k]
 
 
 class JointTorque(Protocol):
@@ -129,10 +188,46 @@ class EffectTorque(ABC):
         """Is told the motion at the end of each step."""
 
 
-def bent(bristle: Array, moved: Array, stretch: Array | float) -> Array:
+class CompiledTorque(EffectTorque):
+    """An effect's torque whose law runs within the plant's step, without a call of Python.
+
+    Attributes:
+        law: ``(state, motion, torque)``: adds to a torque (n,) [N.m]; must not remember anything.
+        ending: ``(state, motion)``: remembers the motion at the end of each step; None where there is nothing to.
+        state: What the two read and write; ``start`` may replace it.
+    """
+
+    law: ClassVar[Law[..., None]]
+    ending: ClassVar[Law[..., None] | None] = None
+    state: Record
+
+    def torque(self, motion: JointMotion) -> Array:
+        """Gives the torque (n,) [N.m] at one stage."""
+        torque = np.zeros(motion.position.size)
+        self.prepare()
+        self.law(self.state, motion, torque)
+        return torque
+
+    def settle(self, motion: JointMotion) -> None:
+        """Is told the motion at the end of each step."""
+        if self.ending is not None:
+            self.ending(self.state, motion)
+
+    def prepare(self) -> None:
+        """Brings addresses in the state up to date with the way in which laws run now."""
+
+    def addresses(self, motion: JointMotion) -> tuple[int, int]:
+        """Gives the addresses of law and ending, 0 where there is none, as laws run now."""
+        self.prepare()
+        ending = 0 if self.ending is None else self.ending.address(self.state, motion)
+        return self.law.address(self.state, motion, motion.load), ending
+
+
+@compiled
+def bent(bristle: float, moved: float, stretch: float) -> Any:
     """Gives the bristles' bend zeta in [-1, 1] after a displacement in one direction."""
     direction = np.sign(moved)
-    return np.asarray(direction + (bristle - direction) * np.exp(-np.abs(moved) / stretch))
+    return direction + (bristle - direction) * np.exp(-np.abs(moved) / stretch)
 
 
 def follow(position: Array, stretch: float) -> Array:

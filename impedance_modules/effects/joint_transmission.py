@@ -15,14 +15,22 @@ from typing import Literal
 import numpy as np
 
 from impedance_modules.arrays import Array
+from impedance_modules.compiled import compiled
 from impedance_modules.effects.effect import Effect, Regressor, Site, Values, ends, one_row
 from impedance_modules.effects.effect_description import Description, Port, joint_parameter
-from impedance_modules.effects.joint_motion import EffectTorque, JointMotion, Shape, sign
+from impedance_modules.effects.joint_motion import (
+    REGULARISATION_VELOCITY,
+    CompiledTorque,
+    JointMotion,
+    Shape,
+    sign,
+)
 from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.effects.residual_kinds import Residual
 from impedance_modules.effects.simulator_numbers import one_number
 from impedance_modules.errors import BadInput
+from impedance_modules.records import Integer, Record, Scalar, Vector
 from impedance_modules.robot.model import with_reflected_inertia
 from impedance_modules.spec.robot_spec import RobotSpec
 
@@ -265,7 +273,7 @@ class TransmissionCoupling(Effect):
         """Three columns on the rows of both joints."""
         joint, other = (site.signals.joint(name) for name in ends(site.key))
         one, two = (site.signals.sample(i, motor_side=True) for i in (joint, other))
-        rub = sign(one.velocity + two.velocity)
+        rub = sign.python(one.velocity + two.velocity, REGULARISATION_VELOCITY)
         columns = np.stack(
             [np.stack([far.acceleration, far.velocity, rub], axis=-1) for far in (two, one)], axis=1
         )
@@ -300,19 +308,30 @@ def _check_coupled_inertia(builder: PlantBuilder, i: int, j: int) -> None:
         )
 
 
-class SharedShaft(EffectTorque):
+class ShaftState(Record):
+    """Indices of two joints, and the frictions of their common shaft [N.m.s/rad], [N.m]."""
+
+    joint: Integer
+    other: Integer
+    viscous: Scalar
+    dry: Scalar
+
+
+@compiled
+def take_shaft_friction(shaft: ShaftState, motion: JointMotion, torque: Vector) -> None:
+    """Subtracts fv v_j + fc sgn(v_i + v_j) from joint i, and the same from j with i [N.m]."""
+    i, j, speed = shaft.joint, shaft.other, motion.motor_velocity
+    rub = shaft.dry * sign(speed[i] + speed[j], REGULARISATION_VELOCITY)
+    torque[i] -= shaft.viscous * speed[j] + rub
+    torque[j] -= shaft.viscous * speed[i] + rub
+
+
+class SharedShaft(CompiledTorque):
     """Friction of a shaft that turns with two motors."""
 
     port: Literal["motor", "link"] = "motor"
+    law = take_shaft_friction
 
     def __init__(self, joint: int, other: int, viscous: float, dry: float) -> None:
         """Takes the joints' indices and frictions [N.m.s/rad], [N.m]."""
-        self._pair = np.array([joint, other], dtype=np.intp)
-        self._viscous, self._dry = viscous, dry
-
-    def torque(self, motion: JointMotion) -> Array:
-        """Gives minus the consumed torque on both joints (n,) [N.m]."""
-        speeds = motion.motor_velocity[self._pair]
-        out = np.zeros(motion.position.size)
-        out[self._pair] = -self._viscous * speeds[::-1] - self._dry * sign(np.sum(speeds, keepdims=True))
-        return out
+        self.state = ShaftState(joint=joint, other=other, viscous=viscous, dry=dry)

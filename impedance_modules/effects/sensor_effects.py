@@ -8,6 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from impedance_modules.arrays import Array
+from impedance_modules.compiled import compiled
 from impedance_modules.effects.compensation_builder import CompensationBuilder, Diagnosed
 from impedance_modules.effects.drive_effects import LAGS, lagged
 from impedance_modules.effects.effect import (
@@ -22,12 +23,13 @@ from impedance_modules.effects.effect import (
     one_row,
 )
 from impedance_modules.effects.effect_description import Description, Parameter, Port, joint_parameter
-from impedance_modules.effects.joint_motion import JointSample, Shape
+from impedance_modules.effects.joint_motion import Shape
 from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.effects.residual_kinds import COVERS, EFFORT_SIGN, Residual, Stage, uses_motion
 from impedance_modules.effects.simulator_numbers import one_number
 from impedance_modules.errors import BadInput
+from impedance_modules.records import Matrix, Row, Vector
 
 NO_SUCH_SENSOR = "what sensors report beside the truth is none of the numbers there"
 """Why an error of a sensor is in no simulator's file."""
@@ -40,6 +42,12 @@ ONLY_REPORTED = (
 
 APART = "apart"
 """Shape: 1 where the readings' clock runs away from the commands'."""
+
+
+@compiled
+def constant_torque(sample: Row, shape: Vector, columns: Matrix) -> None:  # noqa: ARG001 - every law has these
+    """Writes 1."""
+    columns[0] = 1.0
 
 
 class TorqueOffset(JointLaw):
@@ -70,9 +78,7 @@ class TorqueOffset(JointLaw):
         """A reading shows wherever the effort enters."""
         return EFFORT_SIGN[residual] != 0.0 if port == "sensor" else super().shows(port, residual)
 
-    def basis(self, sample: JointSample, shape: Shape) -> Array:
-        """Computes 1."""
-        return np.ones((*sample.velocity.shape, 1))
+    law = constant_torque
 
     def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """A column of ones, with the sign of the effort if only the reading is off."""

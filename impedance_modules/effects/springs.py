@@ -9,14 +9,16 @@ from dataclasses import replace
 import numpy as np
 
 from impedance_modules.arrays import Array
+from impedance_modules.compiled import compiled
 from impedance_modules.effects.compensation_builder import CompensationBuilder, Diagnosed
 from impedance_modules.effects.effect import JointLaw, Regressor, Site, Values, one_row
 from impedance_modules.effects.effect_description import Description, Parameter, Port, joint_parameter
-from impedance_modules.effects.joint_motion import JointSample, Shape
+from impedance_modules.effects.joint_motion import Shape
 from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.residual_kinds import COVERS, Residual
 from impedance_modules.effects.simulator_numbers import Exported
 from impedance_modules.errors import BadInput
+from impedance_modules.records import Matrix, Row, Vector
 from impedance_modules.spec.robot_spec import ParallelSpringSpec, RobotSpec
 
 CARRIED = "carried"
@@ -27,6 +29,29 @@ OUTSIDE = "bench_spring"
 
 MOST_ORDERS = 400
 """Largest number of ripple orders tried."""
+
+
+@compiled
+def joint_spring(sample: Row, shape: Vector, columns: Matrix) -> None:  # noqa: ARG001 - every law has these
+    """Writes q and -1."""
+    columns[0] = sample.position
+    columns[1] = -1.0
+
+
+@compiled
+def ripple(sample: Row, shape: Vector, columns: Matrix) -> None:
+    """Writes sin(N q) and cos(N q)."""
+    turned = sample.position * shape[0]
+    columns[0] = np.sin(turned)
+    columns[1] = np.cos(turned)
+
+
+@compiled
+def damped_spring(sample: Row, shape: Vector, columns: Matrix) -> None:  # noqa: ARG001
+    """Writes q, -1 and v."""
+    columns[0] = sample.position
+    columns[1] = -1.0
+    columns[2] = sample.velocity
 
 
 class ParallelSpring(JointLaw):
@@ -60,9 +85,8 @@ class ParallelSpring(JointLaw):
     lower = (0.0, -np.inf)
     contrasts = ((1.0, 0.0),)
 
-    def basis(self, sample: JointSample, shape: Shape) -> Array:
-        """Computes q and -1."""
-        return np.stack([sample.position, -np.ones_like(sample.position)], axis=-1)
+    law = joint_spring
+    terms = 2
 
     def regressor(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """Evaluates the law; a carried spring is consumed at the link and supplied, unasked, by the drive."""
@@ -167,10 +191,8 @@ class TorqueRipple(JointLaw):
     not_exported = "a joint there has no torque that repeats with its angle"
     lower = -np.inf  # any phase
 
-    def basis(self, sample: JointSample, shape: Shape) -> Array:
-        """Computes sin(N q) and cos(N q)."""
-        turned = sample.position * shape["N"]
-        return np.stack([np.sin(turned), np.cos(turned)], axis=-1)
+    law = ripple
+    terms = 2
 
     def linear(self, values: Values) -> tuple[Array, dict[str, float]]:
         """Coefficients A cos(phi) and A sin(phi)."""
@@ -229,9 +251,8 @@ class BenchSpring(JointLaw):
     )
     searched = "never"  # without a patch it is named a parallel spring: at the links the two are one law
 
-    def basis(self, sample: JointSample, shape: Shape) -> Array:
-        """Computes q, -1 and v."""
-        return np.stack([sample.position, -np.ones_like(sample.position), sample.velocity], axis=-1)
+    law = damped_spring
+    terms = 3
 
     def linear(self, values: Values) -> tuple[Array, dict[str, float]]:
         """Coefficients k, k q0 and d."""

@@ -11,17 +11,25 @@ from collections.abc import Mapping
 from typing import Literal
 
 import numpy as np
-import pinocchio as pin
 
 from impedance_modules.arrays import Array
+from impedance_modules.compiled import compiled
 from impedance_modules.effects.bodies import CENTRE, MassAtPoint, by_axis, centre_of, place_on_link
 from impedance_modules.effects.effect import Effect, Regressor, Site, Values, all_rows
 from impedance_modules.effects.effect_description import Description, Parameter, Port
-from impedance_modules.effects.joint_motion import EffectTorque, JointMotion, Shape
+from impedance_modules.effects.joint_motion import CompiledTorque, JointMotion, Shape, joint_motion
+from impedance_modules.effects.link_poses import (
+    add_point_force,
+    on_joint_axes,
+    point_of_link,
+    point_velocity,
+    poses_at,
+)
 from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.residual_kinds import Residual
+from impedance_modules.records import Array3, Indices, Matrix, Record, Vector
 from impedance_modules.robot.model import RobotModel
-from impedance_modules.robot.rotation import skew
+from impedance_modules.robot.rotation import dot, turn, turn_back
 
 MASSES = ("mx", "my", "mz")
 
@@ -194,57 +202,109 @@ class FluidDrag(WaterAtPoint):
         builder.torques.append(DragTorque(builder.model, held))
 
 
-class WaterTorque(EffectTorque):
-    """A torque on the links that depends on where they are and how they move, and on nothing before."""
+class LiftState(Record):
+    """Water displaced by k links.
+
+    Attributes:
+        bodies: (k,) rows of the links.
+        weight: (k, 3) upwards, in base axes [N].
+        centre: (k, 3) in the links' joints' axes [m].
+        point: (3,) a centre now [m].
+    """
+
+    bodies: Indices
+    weight: Matrix
+    centre: Matrix
+    point: Vector
+
+
+@compiled
+def add_lift(lift: LiftState, motion: JointMotion, torque: Vector) -> None:
+    """Adds J_c^T (-m g) summed over links [N.m]."""
+    for k in range(lift.bodies.size):
+        point_of_link(motion.links, lift.bodies[k], lift.centre[k], lift.point)
+        add_point_force(motion.links, lift.bodies[k], lift.point, lift.weight[k], torque)
+
+
+class BuoyancyTorque(CompiledTorque):
+    """The weight of displaced water, upwards."""
 
     port: Literal["motor", "link"] = "link"
-
-
-class BuoyancyTorque(WaterTorque):
-    """The weight of displaced water, upwards: J_c^T (-m g) summed over links.
-
-    It is minus the weight of a robot whose links are nothing but the displaced water.
-    """
+    law = add_lift
 
     def __init__(self, model: RobotModel, links: Mapping[str, tuple[float, Array]]) -> None:
         """Takes link -> mass of the displaced water [kg] and its centre (3,) in the link's frame [m]."""
-        self._water = pin.Model(model.pin_model)
-        for joint in range(self._water.njoints):
-            self._water.inertias[joint] = pin.Inertia.Zero()
-        for link, (mass, centre) in links.items():
-            frame = self._water.frames[model.frame_id(link)]
-            body = pin.Inertia(mass, centre, np.zeros((3, 3)))
-            self._water.appendBodyToJoint(frame.parentJoint, body, frame.placement)
-        self._data = self._water.createData()
-
-    def torque(self, motion: JointMotion) -> Array:
-        """Gives what lifts the links (n,) [N.m]."""
-        return self.lift(motion.position)
+        self._model = model
+        places = [on_joint_axes(model, link, centre) for link, (_, centre) in links.items()]
+        up = -np.array(model.pin_model.gravity.linear)
+        self.state = LiftState(
+            bodies=np.array([body for body, _, _ in places], dtype=np.int64),
+            weight=np.array([mass * up for mass, _ in links.values()]),
+            centre=np.array([centre for _, centre, _ in places]),
+            point=np.zeros(3),
+        )
 
     def lift(self, position: Array) -> Array:
-        """Gives the same at joint positions (n,) [rad]."""
-        return np.array(pin.computeGeneralizedGravity(self._water, self._data, position))
+        """Gives what lifts the links at joint positions (n,) [rad], as a torque (n,) [N.m]."""
+        return self.torque(joint_motion(self._model.n, poses_at(self._model, position)))
 
 
-class DragTorque(WaterTorque):
+class DragState(Record):
+    """Resistance to k links.
+
+    Attributes:
+        bodies: (k,) rows of the links.
+        drag: (k, 3) along the links' axes [N.s^2/m^2].
+        place: (k, 3) where it acts, in the links' joints' axes [m].
+        axes: (k, 3, 3) turns the links' axes into their joints'.
+        point, velocity, along, force: (3,) of the link at hand, the first two and the last in base axes.
+    """
+
+    bodies: Indices
+    drag: Matrix
+    place: Matrix
+    axes: Array3
+    point: Vector
+    velocity: Vector
+    along: Vector
+    force: Vector
+
+
+@compiled
+def add_drag(water: DragState, motion: JointMotion, torque: Vector) -> None:
+    """Subtracts J_c^T |v| D v summed over links [N.m], D in the link's axes."""
+    along, force = water.along, water.force
+    for k in range(water.bodies.size):
+        body = water.bodies[k]
+        rotation = motion.links.rotation[body]
+        point_of_link(motion.links, body, water.place[k], water.point)
+        point_velocity(motion.links, body, water.point, motion.velocity, water.velocity)
+        turn_back(rotation, water.velocity, force)
+        turn_back(water.axes[k], force, along)
+        speed = np.sqrt(dot(along, along))
+        for r in range(3):
+            along[r] *= -water.drag[k, r] * speed
+        turn(water.axes[k], along, water.velocity)
+        turn(rotation, water.velocity, force)
+        add_point_force(motion.links, body, water.point, force, torque)
+
+
+class DragTorque(CompiledTorque):
     """Resistance -|v| D v at a point of each link, v that point's velocity in the link's axes."""
+
+    port: Literal["motor", "link"] = "link"
+    law = add_drag
 
     def __init__(self, model: RobotModel, links: Mapping[str, tuple[Array, Array]]) -> None:
         """Takes link -> drag (3,) along its axes [N.s^2/m^2] and the point (3,) in its frame [m]."""
-        self._model = model.pin_model
-        self._data = self._model.createData()
-        self._frames = [model.frame_id(link) for link in links]
-        self._drag = np.array([drag for drag, _ in links.values()])
-        # v + w x p, from a twist at the link's origin to the point.
-        self._to_point = [np.hstack([np.eye(3), -skew(point)]) for _, point in links.values()]
-
-    def torque(self, motion: JointMotion) -> Array:
-        """Gives what holds the links back (n,) [N.m]."""
-        pin.computeJointJacobians(self._model, self._data, motion.position)
-        out = np.zeros(motion.position.size)
-        for frame, drag, to_point in zip(self._frames, self._drag, self._to_point, strict=True):
-            J = pin.getFrameJacobian(self._model, self._data, frame, pin.ReferenceFrame.LOCAL)
-            at_point = to_point @ J
-            v = at_point @ motion.velocity
-            out -= at_point.T @ (drag * v * np.sqrt(v @ v))
-        return out
+        places = [on_joint_axes(model, link, point) for link, (_, point) in links.items()]
+        self.state = DragState(
+            bodies=np.array([body for body, _, _ in places], dtype=np.int64),
+            drag=np.array([drag for drag, _ in links.values()], dtype=float),
+            place=np.array([place for _, place, _ in places]),
+            axes=np.array([axes for _, _, axes in places]),
+            point=np.zeros(3),
+            velocity=np.zeros(3),
+            along=np.zeros(3),
+            force=np.zeros(3),
+        )

@@ -8,7 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 
-from impedance_modules.effects.plant_builder import DrivePath, PlantEffects
+from impedance_modules.effects.drive_path import DrivePath
+from impedance_modules.effects.joint_motion import CompiledTorque
+from impedance_modules.effects.plant_builder import PlantEffects
+from impedance_modules.plant.effect_torques import effect_torques
 from impedance_modules.plant.grasp import HAND
 from impedance_modules.plant.grasp_start import load_couplings, set_up_couplings
 from impedance_modules.plant.hinge_start import hinge_state, load_hinge
@@ -26,7 +29,7 @@ from impedance_modules.plant.point_contact import (
 from impedance_modules.plant.rigid_object import ObjectBody, object_state
 from impedance_modules.plant.surfaces import surface_tables
 from impedance_modules.plant.wood import renew_wood, wood_tables
-from impedance_modules.records import Array3, Matrix, Vector, new_table
+from impedance_modules.records import Matrix, Vector, new_table
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.task import SurfaceSpec
 
@@ -37,11 +40,12 @@ def build_plant_state(
     frames: tuple[str, ...],
     surfaces: Sequence[SurfaceSpec],
     held: ObjectBody | None,
-    *,
-    added_mass: Array3 | None = None,
+    effects: PlantEffects,
 ) -> PlantState:
-    """Makes the state and fills in every constant; ``added_mass`` is (n, 6, 6) of water, or None."""
+    """Makes the state and fills in every constant."""
     n, h = model.n, len(frames)
+    start, stage = state_vector(n), state_vector(n)
+    count = sum(isinstance(torque, CompiledTorque) for torque in effects.torques)
     hands = new_table(h, HAND)
     hands["rest_rotation"] = np.eye(3)
     for hand, frame in zip(hands, frames, strict=True):
@@ -56,13 +60,14 @@ def build_plant_state(
         bodies.append(object_points(held.spec.shape, held.spec.size))
     woods, friction_work, splinters = wood_tables(surfaces)
     table, mesh_nodes, triangles = surface_tables(surfaces)
+    table_of_links = link_table(links, effects.added_mass)
     return PlantState(
-        start=state_vector(n),
-        stage=state_vector(n),
+        start=start,
+        stage=stage,
         rate=state_vector(n),
         rate_sum=state_vector(n),
         joints=joint_table(model),
-        links=link_table(links, added_mass),
+        links=table_of_links,
         hands=hands,
         body=object_state(held, links.gravity.linear),
         hinge=hinge_state(held),
@@ -81,15 +86,12 @@ def build_plant_state(
         push_wrench=np.zeros((h + 1, 6)),
         torque=np.zeros(n),
         acceleration=np.zeros(n),
+        effects=effect_torques(count, start, stage, links=table_of_links, coupling=effects.coupling),
     )
 
 
 class StartAtRest:
-    """Brings a plant's state to rest at a posture; nothing of what was before remains.
-
-    Attributes:
-        on_links: (n,) torque on the links at the start, beside weight, grasp and effects [N.m].
-    """
+    """Brings a plant's state to rest at a posture; nothing of what was before remains."""
 
     def __init__(
         self,
@@ -104,7 +106,6 @@ class StartAtRest:
         self._held = held
         self._effects = effects
         self._weight = weight
-        self.on_links: Vector = np.zeros(integrator.plant.n)
 
     def clear(self, position: Vector) -> None:
         """Forgets every motion, torque and contact; the joints stand at q (n,) [rad]."""
@@ -145,11 +146,11 @@ class StartAtRest:
     def _balance(self, position: Vector, wrench: Matrix) -> Vector:
         """Deflects the joints' springs by the start load and finds the command that carries it."""
         plant, joints = self._plant, self._plant.joints
-        load = self._link_weight(position) - self.on_links
+        load = self._link_weight(position)
         for jacobian, on_hand in zip(plant.jacobian, wrench, strict=True):
             load -= jacobian.T @ on_hand
         joints["assist"] = self._weight.torque(position + self._effects.sensors.offset)
-        self._start_effects()
+        self._integrator.start_effects()
         at_rest = self._integrator.motion()
         for effect in self._effects.torques:
             load -= effect.torque(at_rest) if effect.port == "link" else 0.0
@@ -158,7 +159,7 @@ class StartAtRest:
         joints["load"] = joints["motor"] = load
         command = self._asked(self._motor_start(load)) - joints["assist"]
         joints["command"] = command
-        self._start_effects()
+        self._integrator.start_effects()
         return np.asarray(command)
 
     def _asked(self, given: Vector) -> Vector:
@@ -186,9 +187,3 @@ class StartAtRest:
             if effect.port == "motor" and not isinstance(effect, DrivePath):
                 needed -= effect.torque(at_rest)
         return needed
-
-    def _start_effects(self) -> None:
-        """Tells the effects that everything begins here."""
-        at_rest = self._integrator.motion()
-        for effect in self._effects.torques:
-            effect.start(at_rest, self._integrator.step)

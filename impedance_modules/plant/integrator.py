@@ -6,24 +6,42 @@ Over a step h, for the state x and its rate f:
     x_1 = x,  x_2 = x + h/2 f(x_1),  x_3 = x + h/2 f(x_2),  x_4 = x + h f(x_3)
     x(t + h) = x + h/6 (f(x_1) + 2 f(x_2) + 2 f(x_3) + f(x_4))
 
-A whole period is one law, left only to query coal for distances. Where effects add torque, they are evaluated in Python
-before each stage, between the same laws.
+A whole period is one law, left only to query coal for distances. Effects are evaluated within it at each stage
+(``effect_torques``); for one that is written in Python the law is left at every stage, and the rest is the same.
 """
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Sequence
+
 import pinocchio as pin
 
-from impedance_modules.compiled import compiled, want_machine_code
-from impedance_modules.effects.joint_motion import JointMotion, JointTorque
-from impedance_modules.plant.equations_of_motion import evaluate_forces, evaluate_rate, hand_motion
+from impedance_modules.compiled import Law, compiled, want_machine_code
+from impedance_modules.effects.joint_motion import (
+    CompiledTorque,
+    EffectTorque,
+    JointHistory,
+    JointMotion,
+    JointTorque,
+    take_from_history,
+)
+from impedance_modules.plant.effect_torques import (
+    begin_effects,
+    connect,
+    couple_motors,
+    end_effects,
+    evaluate_effects,
+    observe_joints,
+    observe_links,
+    remember_history,
+)
+from impedance_modules.plant.equations_of_motion import evaluate_forces, hand_motion
 from impedance_modules.plant.grasp import place_couplings
 from impedance_modules.plant.hinge_forces import update_hinge
 from impedance_modules.plant.joints import ELASTIC, update_loads
 from impedance_modules.plant.links import accelerate, mobility_under_water, place_hands, place_links
 from impedance_modules.plant.palm import update_slipping_palms
-from impedance_modules.plant.plant_state import PlantState, StateVector
+from impedance_modules.plant.plant_state import PlantState
 from impedance_modules.plant.point_contact import (
     CLEARANCE,
     SurfaceDistances,
@@ -46,12 +64,24 @@ def advance_steps(plant: PlantState, done: int, steps: int, step: float, clearan
         for stage in range(1, 5):
             if stage > 1:
                 place_links(plant.links, plant.stage.position)
-            evaluate_forces(plant)
-            accelerate(plant.links, plant.stage.velocity, plant.torque, plant.acceleration)
+            evaluate_effects(plant)
+            accelerate_all(plant)
             next_stage(plant, stage, step)
         end_step(plant, step)
         done += 1
     return done
+
+
+@compiled
+def accelerate_all(plant: PlantState) -> None:
+    """Writes the rate of the stage and the links' acceleration, the links placed and the effects evaluated."""
+    evaluate_forces(plant)
+    accelerate(plant.links, plant.stage.velocity, plant.torque, plant.acceleration)
+    if plant.effects.coupled.size > 0:
+        direct = couple_motors(plant)
+        evaluate_forces(plant)
+        if direct:
+            accelerate(plant.links, plant.stage.velocity, plant.torque, plant.acceleration)
 
 
 @compiled
@@ -74,6 +104,7 @@ def begin_step(plant: PlantState) -> None:
         apply_wood_texture(plant)
     if plant.body.present:
         place_couplings(plant)
+    begin_effects(plant)
 
 
 @compiled
@@ -107,6 +138,7 @@ def end_step(plant: PlantState, step: float) -> None:
             update_wood(plant, step)
     plant.start.whole[:] = plant.stage.whole
     update_loads(plant)
+    end_effects(plant, step)
 
 
 class Integrator:
@@ -117,9 +149,9 @@ class Integrator:
         step: Integration step [s].
         distances: Distances of points from surfaces, by coal.
         links: Pinocchio model whose armature holds only the rotors fixed to their links.
-        torques: Effects that add torque at motors or links, in the order in which they are evaluated.
+        effects: Of a patch, that add torque at motors or links.
+        torques: Those of them that are written in Python, and others of the same kind that were appended.
         aim, aim_velocity: (n,) the joint motion that the controller aims at, for effects that know it.
-        time: Since the start [s].
     """
 
     def __init__(
@@ -129,31 +161,35 @@ class Integrator:
         *,
         distances: SurfaceDistances,
         step: float,
-        motor_coupling: Matrix,
+        effects: Sequence[EffectTorque],
     ) -> None:
-        """Takes the plant and how to step it; ``motor_coupling`` (n, n) [kg.m^2] is that of rotors, or zero."""
+        """Takes the plant, how to step it, and its effects."""
         want_machine_code()
         self.plant = plant
         self.step = step
         self.distances = distances
         self.links = links
-        self.time = 0.0
-        self.torques: list[JointTorque] = []
-        self.aim, self.aim_velocity = np.zeros(plant.n), np.zeros(plant.n)
-        self._motor_coupling = motor_coupling
-        self._coupled = bool(motor_coupling.any())
-        self._start_load = np.zeros(plant.n)
-        self._data = links.createData()
-        joints = plant.joints
-        self._command, self._assist, self._load = joints["command"], joints["assist"], joints["load"]
+        self.effects = tuple(effects)
+        self.torques: list[JointTorque] = [e for e in effects if not isinstance(e, CompiledTorque)]
+        self._compiled = [e for e in effects if isinstance(e, CompiledTorque)]
+        self._connected: bool | None = None
+        seen, joints = plant.effects.at_stage, plant.joints
+        self.aim, self.aim_velocity = seen.position_command, seen.velocity_command
         self._effect_motor, self._effect_link = joints["effect_motor"], joints["effect_link"]
-        self._at_start = self._observed(plant.start, self._load)
-        self._at_stage = self._observed(plant.stage, self._start_load)
+
+    @property
+    def time(self) -> float:
+        """Since the start [s]."""
+        return float(self.plant.effects.at_stage.time)
+
+    @time.setter
+    def time(self, value: float) -> None:
+        self.plant.effects.at_stage.time = self.plant.effects.at_step.time = value
 
     @property
     def has_effects(self) -> bool:
         """Whether effects add torque or couple motors."""
-        return bool(self.torques) or self._coupled
+        return bool(self.effects or self.torques or self.plant.effects.coupled.size)
 
     def place(self) -> None:
         """Brings hand poses and Jacobians and contact geometry to the present state."""
@@ -165,11 +201,31 @@ class Integrator:
         self.place()
         begin_step(self.plant)
 
+    def start_effects(self, motion: JointMotion | None = None) -> None:
+        """Tells the effects that everything begins here, or at another motion."""
+        at_rest = self.motion() if motion is None else motion
+        for effect in self.effects:
+            effect.start(at_rest, self.step)
+        self._connected = None
+
+    def follow_past(self, past: JointHistory) -> None:
+        """Lets the effects begin at the first motion of a history and follow it; overwrites the joints' state."""
+        motion = self.plant.effects.at_step
+        take_from_history(past, 0, motion)
+        self.start_effects(motion)
+        self._connect()
+        remember_history(self.plant.effects, past)
+        for effect in self.torques:
+            for k in range(1, past.time.size):
+                take_from_history(past, k, motion)
+                effect.settle(motion)
+
     def advance(self, steps: int) -> None:
         """Moves on by some steps."""
-        if self.has_effects:
+        self._connect()
+        if self.torques:
             for _ in range(steps):
-                self._advance_with_effects()
+                self._advance_with_python()
             return
         done = 0
         while True:
@@ -177,7 +233,15 @@ class Integrator:
             if done == steps:
                 break
             self.distances.measure()
-        self.time += steps * self.step
+        if not self.plant.effects.watched:
+            self.time += steps * self.step
+
+    def _connect(self) -> None:
+        """Looks up where the effects' laws are, if they began anew or laws run in another way than before."""
+        if self._connected is None or self._connected is not Law.in_machine_code:
+            connect(self.plant.effects, self._compiled)
+            self.plant.effects.watched = self.has_effects
+            self._connected = Law.in_machine_code
 
     def link_mobility(self) -> Matrix:
         """Computes the inverse mass matrix (n, n) of the links without elastic rotors."""
@@ -186,77 +250,35 @@ class Integrator:
 
     def rate(self) -> Vector:
         """Writes the rate of the stage, effects included; returns the links' acceleration (n,)."""
-        self._evaluate_effects()
-        evaluate_rate(self.plant)
-        if self._coupled:
-            self._couple_motors()
-            evaluate_rate(self.plant)
+        self._connect()
+        place_links(self.plant.links, self.plant.stage.position)
+        evaluate_effects(self.plant)
+        self._add_python_torques()
+        accelerate_all(self.plant)
         return self.plant.acceleration
 
-    def _couple_motors(self) -> None:
-        r"""Adds the torque with which one rotor's acceleration loads another motor, at the stage.
-
-        e = -C \ddot z, with \ddot z = (1 + S C)^{-1} \ddot z_0: z are the motors of elastic joints and the links
-        of all others, S what a torque on them accelerates.
-        """
-        plant, joints, n = self.plant, self.plant.joints, self.plant.n
-        elastic = joints["kind"] == ELASTIC
-        alone = np.where(elastic, plant.rate.motor_velocity, plant.acceleration)
-        lightness = np.where(np.outer(elastic, elastic), 0.0, self._stage_mobility())
-        lightness[elastic] = lightness[:, elastic] = 0.0
-        lightness[np.diag_indices(n)] += elastic / np.where(elastic, joints["reflected_inertia"], 1.0)
-        together = np.linalg.solve(np.eye(n) + lightness @ self._motor_coupling, alone)
-        self._effect_motor -= self._motor_coupling @ together
-
-    def _stage_mobility(self) -> Matrix:
-        """Computes the inverse mass matrix (n, n) of the links without elastic rotors at the stage."""
-        return mobility_under_water(self.links, self.plant.links, self._data, self.plant.stage.position)
-
-    def _advance_with_effects(self) -> None:
-        """Takes the same step with effects evaluated before each stage."""
+    def _advance_with_python(self) -> None:
+        """Takes the same step, and asks Python's effects before each stage."""
         plant = self.plant
-        self._start_load[:] = self._load
         self.place()
         begin_step(plant)
         for stage in range(1, 5):
             self.rate()
             next_stage(plant, stage, self.step)
         end_step(plant, self.step)
-        self.time += self.step
-        motion = self.motion()
         for effect in self.torques:
-            effect.settle(motion)
+            effect.settle(plant.effects.at_step)
 
-    def _evaluate_effects(self) -> None:
-        """Writes what effects add at the stage."""
-        self._effect_motor[:], self._effect_link[:] = 0.0, 0.0
-        if not self.torques:
-            return
-        motion = self._timed(self._at_stage)
+    def _add_python_torques(self) -> None:
+        """Adds what Python's effects give at the stage to that of the others."""
         for effect in self.torques:
             extra = self._effect_motor if effect.port == "motor" else self._effect_link
-            extra += effect.torque(motion)
+            extra += effect.torque(self.plant.effects.at_stage)
 
     def motion(self) -> JointMotion:
         """Gives the joint motion that effects see at the step's start; the same object every time."""
-        return self._timed(self._at_start)
-
-    def _timed(self, motion: JointMotion) -> JointMotion:
-        motion.time = self.time
-        np.add(self._command, self._assist, out=motion.drive)
+        motion = self.plant.effects.at_step
+        place_links(self.plant.links, self.plant.start.position)
+        observe_links(self.plant, motion.links)
+        observe_joints(self.plant, motion)
         return motion
-
-    def _observed(self, state: StateVector, load: Vector) -> JointMotion:
-        """Takes the views of a state that effects see."""
-        return JointMotion(
-            time=self.time,
-            position=state.position,
-            velocity=state.velocity,
-            motor_position=state.motor_position,
-            motor_velocity=state.motor_velocity,
-            command=self._command,
-            load=load,
-            drive=np.zeros(self.plant.n),
-            position_command=self.aim,
-            velocity_command=self.aim_velocity,
-        )

@@ -36,11 +36,12 @@ from typing import Literal
 
 import numpy as np
 
-from impedance_modules.effects.joint_motion import JointMotion
+from impedance_modules.compiled import compiled
+from impedance_modules.effects.joint_motion import CompiledTorque, JointMotion
 from impedance_modules.effects.plant_builder import PlantEffects
 from impedance_modules.plant.joints import structural_stiffness
 from impedance_modules.plant.plant import Plant, PlantOptions, no_effects
-from impedance_modules.records import Vector
+from impedance_modules.records import Record, Vector
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.robot_spec import ParallelSpringSpec
 from impedance_modules.spec.task import SurfaceSpec
@@ -67,21 +68,28 @@ class BoardOrders:
     assisted: Vector
 
 
-class LinkTorque:
-    """Torque on the links that is the same at every stage of a period."""
+class TorqueState(Record):
+    """Torque (n,) [N.m] on the links that is the same at every stage of a period."""
+
+    torque: Vector
+
+
+@compiled
+def add_steady_torque(state: TorqueState, motion: JointMotion, torque: Vector) -> None:  # noqa: ARG001 - as all
+    """Adds it."""
+    for i in range(torque.size):
+        torque[i] += state.torque[i]
+
+
+class LinkTorque(CompiledTorque):
+    """A torque on the links that somebody else changes."""
 
     port: Literal["motor", "link"] = "link"
+    law = add_steady_torque
 
     def __init__(self, torque: Vector) -> None:
         """Takes an array (n,) [N.m] that may change."""
-        self._torque = torque
-
-    def torque(self, motion: JointMotion) -> Vector:  # noqa: ARG002 - the protocol's signature
-        """Gives it."""
-        return self._torque
-
-    def settle(self, motion: JointMotion) -> None:
-        """Remembers nothing."""
+        self.state = TorqueState(torque=torque)
 
 
 class DrivenPlant(Plant):
@@ -123,14 +131,9 @@ class DrivenPlant(Plant):
             effects,
             spring_stiffness=effects.spring_stiffness + self._stiffness,
             spring_preload=effects.spring_preload + self._preload,
+            torques=(*effects.torques, LinkTorque(self._on_links)),
         )
         super().__init__(model, surfaces, None, options, known)
-        # The springs carry part of the weight from the start.
-        self._start.on_links = self._on_links
-        # Without effects the laws take the torque from the table; with them it is evaluated at every stage.
-        self._evaluated = bool(self.torques or effects.coupling.any())
-        if self._evaluated:
-            self.torques.append(LinkTorque(self._on_links))
 
     def reset(self, q: Vector) -> None:
         """Puts everything at rest at q (n,) [rad], the weight carried (see ``Plant.reset``)."""
@@ -170,8 +173,6 @@ class DrivenPlant(Plant):
         joints["hold_position"] = acting.position
         self._weight.share = acting.assisted
         np.add(self.push, self._springs(self.state.start.position), out=self._on_links)
-        if not self._evaluated:
-            joints["effect_link"] = self._on_links
         self.advance(orders.effort)
 
     def _springs(self, position: Vector) -> Vector:

@@ -136,17 +136,16 @@ class Plant(GroundTruth):
         self._timing = model.spec.timing
         frames = tuple(limb.hand for limb in model.limbs.values())
         links = link_model(model, gravity)
-        state = build_plant_state(model, links, frames, surfaces, held, added_mass=self._effects.added_mass)
+        state = build_plant_state(model, links, frames, surfaces, held, self._effects)
         state.joints["half_gap"] = 0.5 * self._effects.gap
         integrator = Integrator(
             links,
             state,
             distances=SurfaceDistances(surfaces, state.contacts),
             step=self.division.step,
-            motor_coupling=self._effects.coupling,
+            effects=self._effects.torques,
         )
         super().__init__(model, state, integrator, frames)
-        integrator.torques.extend(self._effects.torques)
         self._pushes = Pushes(pushes, self._pushable())
         self._sensors = Sensors(model.spec.sensors, self._effects.sensors, self.division.loop, None)
         self._weight = WeightCompensation(model, self._effects, options.gravity)
@@ -163,7 +162,10 @@ class Plant(GroundTruth):
 
     @property
     def torques(self) -> list[JointTorque]:
-        """Effects that act as torques on the joints; append one before ``reset``."""
+        """Torques on the joints, by code of one's own that is called before each stage; append one before ``reset``.
+
+        The effects of ``apply_to_plant`` are not among them, nor told of them at the start.
+        """
         return self._integrator.torques
 
     @property

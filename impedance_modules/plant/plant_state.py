@@ -12,6 +12,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from impedance_modules.plant.effect_torques import EffectTorques
 from impedance_modules.plant.grasp import HAND
 from impedance_modules.plant.hinge_forces import HingeState
 from impedance_modules.plant.joints import JOINT
@@ -114,6 +115,7 @@ class PlantState(Record):
         contact_wrench, grasp_wrench, push_wrench: (h + 1, 6) on each body [N], [N.m].
         torque: (n,) on the links, from everything but their own weight and inertia [N.m].
         acceleration: (n,) of the links at the stage [rad/s^2].
+        effects: That act as torques on joints, and what they see.
     """
 
     start: StateVector
@@ -140,6 +142,7 @@ class PlantState(Record):
     push_wrench: Matrix
     torque: Vector
     acceleration: Vector
+    effects: EffectTorques
 
     @property
     def n(self) -> int:

@@ -8,12 +8,11 @@ Nothing is sensed and nothing is late here: whoever drives it gives the torque t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from impedance_modules.effects.joint_motion import JointMotion
+from impedance_modules.effects.joint_motion import JointHistory
 from impedance_modules.plant.joints import ELASTIC
 from impedance_modules.plant.plant import Plant
 from impedance_modules.records import Vector
@@ -28,7 +27,7 @@ class RolloutStart:
         position, velocity: (n,) of the links [rad], [rad/s].
         load, load_rate: (n,) torque between gear and link [N.m] and its rate [N.m/s].
         command: (n,) torque that acts now [N.m], without what the robot adds by itself.
-        past: Motions one integration step apart that led here, for effects that remember; at least one.
+        past: Motions one integration step apart that led here, for effects that remember.
     """
 
     time: float
@@ -37,7 +36,7 @@ class RolloutStart:
     load: Vector
     load_rate: Vector
     command: Vector
-    past: Sequence[JointMotion]
+    past: JointHistory
 
 
 class RolloutPlant(Plant):
@@ -46,6 +45,7 @@ class RolloutPlant(Plant):
     def seed(self, start: RolloutStart) -> None:
         """Puts the plant into a measured state; effects know the past."""
         begin, joints = self.state.start, self.state.joints
+        self._integrator.follow_past(start.past)
         self._start.clear(start.position)
         soft = joints["kind"] == ELASTIC
         compliance = np.where(soft, 1.0 / np.where(soft, joints["stiffness"], 1.0), 0.0)
@@ -56,13 +56,6 @@ class RolloutPlant(Plant):
         joints["load"] = joints["motor"] = start.load
         joints["command"] = start.command
         self._integrator.time = start.time
-        self._replay(start.past)
-
-    def _replay(self, past: Sequence[JointMotion]) -> None:
-        for effect in self._effects.torques:
-            effect.start(past[0], self.division.step)
-            for motion in past[1:]:
-                effect.settle(motion)
 
     def roll(self, commands: Vector, aims: Vector | None) -> tuple[Vector, Vector]:
         """Takes N integration steps, each with its own torque.

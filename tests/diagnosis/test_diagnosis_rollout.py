@@ -19,7 +19,7 @@ from impedance_modules.diagnosis.rollout.simulated_robot import (
     no_nuisance,
     robot_of_model,
 )
-from impedance_modules.effects.joint_motion import JointMotion
+from impedance_modules.effects.joint_motion import JointHistory
 from impedance_modules.errors import BadInput
 from impedance_modules.plant.plant import Plant, PlantOptions
 from impedance_modules.plant.rollout_plant import RolloutPlant, RolloutStart
@@ -178,12 +178,20 @@ def test_a_plant_from_the_same_state_moves_the_same_way(robot: Path) -> None:
     q, v, load, theta, w = states[begin]
     stiffness = 1.0 / model.spring_compliance()
     acting = commands[begin - ran.delay]
-    now = JointMotion(0.1, q, v, theta, w, acting, load, acting, q, v)
-    seeded.seed(RolloutStart(0.1, q, v, load, stiffness * (w - v), acting, [now]))
+    now = one_motion(0.1, (q, v, theta, w, acting, load, acting, q, v))
+    seeded.seed(RolloutStart(0.1, q, v, load, stiffness * (w - v), acting, now))
     positions, velocities = seeded.roll(commands[begin - ran.delay : -ran.delay], None)
     expected = np.array([state[:2] for state in states])
     np.testing.assert_allclose(positions[:-1], expected[begin + 1 :, 0], atol=1e-9)
     np.testing.assert_allclose(velocities[:-1], expected[begin + 1 :, 1], atol=1e-7)
+
+
+def one_motion(time: float, arrays: tuple[np.ndarray, ...]) -> JointHistory:
+    """A history of one motion, its fields in their order."""
+    names = [field.name for field in JointHistory._layout.fields]
+    return JointHistory(
+        **dict(zip(names, [np.array([time]), *(a[None].copy() for a in arrays)], strict=True))
+    )
 
 
 SLIDE = """<robot name="slide"><link name="base"/>
@@ -204,8 +212,8 @@ def test_a_prismatic_joint_has_friction_in_its_own_units(tmp_path: Path) -> None
 
     perturbed = apply_causes(robot, [friction("N.s/m")], no_nuisance(model.tree), model.tree)
     still, rest = np.zeros(1), np.ones(1)
-    now = JointMotion(0.0, still, rest, still, rest, still, still, still, still, still)
-    perturbed.plant.seed(RolloutStart(0.0, still, rest, still, still, still, [now]))
+    now = one_motion(0.0, (still, rest, still, rest, still, still, still, still, still))
+    perturbed.plant.seed(RolloutStart(0.0, still, rest, still, still, still, now))
     _, velocity = perturbed.plant.roll(np.zeros((500, 1)), None)
     assert velocity[-1, 0] == pytest.approx(np.exp(-4.0 / 5.0 * 0.5), rel=1e-6)
     with pytest.raises(BadInput, match=r"fv is in N\.s/m, not in 'N\.m\.s/rad'"):

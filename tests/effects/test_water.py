@@ -3,6 +3,8 @@
 import numpy as np
 import pinocchio as pin
 
+from impedance_modules.effects.joint_motion import joint_motion
+from impedance_modules.effects.link_poses import poses_at
 from impedance_modules.effects.water import BuoyancyTorque, DragTorque
 from impedance_modules.plant.links import accelerate, link_table, place_links
 from impedance_modules.robot.model import RobotModel
@@ -43,13 +45,11 @@ def sunk(subject, q: np.ndarray) -> float:
 
 def test_buoyancy_is_the_slope_of_a_potential_and_gives_back_what_it_took() -> None:
     subject = moving((LIFT,), 1)
-    (lift,) = (t for t in subject.torques if isinstance(t, BuoyancyTorque))
+    (lift,) = (t for t in subject._integrator.effects if isinstance(t, BuoyancyTorque))
     random = np.random.default_rng(2)
     for q in random.uniform(-1.5, 1.5, (10, subject.model.n)):
-        motion = subject._integrator.motion()
-        motion.position[:] = q
         slope = [(sunk(subject, q + e) - sunk(subject, q - e)) / 2e-6 for e in 1e-6 * np.eye(q.size)]
-        np.testing.assert_allclose(lift.torque(motion), -np.array(slope), atol=1e-7)
+        np.testing.assert_allclose(lift.lift(q), -np.array(slope), atol=1e-7)
     subject = moving((LIFT,), 1)
     before, low = subject.energy(), sunk(subject, subject.position)
     drift(subject, 200)
@@ -63,16 +63,13 @@ def test_buoyancy_lifts_by_the_weight_of_what_is_displaced() -> None:
     model = RobotModel(spec_of(SIX_JOINTS))
     q, centre = start(model), np.array([0.02, -0.03, 0.05])
     lift = BuoyancyTorque(model, {"port_palm": (1.1, centre)})
-    subject = moving((), 0)
-    motion = subject._integrator.motion()
-    motion.position[:] = q
     data = model.pin_model.createData()
     palm, axes = model.frame_id("port_palm"), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
     J = pin.computeFrameJacobian(model.pin_model, data, q, palm, axes)
     arm = model.pose(q, "port_palm").rotation @ centre
     force = np.array([0.0, 0.0, 1.1 * 9.81])
     expected = J.T @ np.concatenate([force, np.cross(arm, force)])
-    np.testing.assert_allclose(lift.torque(motion), expected, atol=1e-9)
+    np.testing.assert_allclose(lift.lift(q), expected, atol=1e-9)
 
 
 def test_drag_takes_energy_in_every_motion_and_the_balance_holds() -> None:
@@ -80,11 +77,9 @@ def test_drag_takes_energy_in_every_motion_and_the_balance_holds() -> None:
     random = np.random.default_rng(3)
     links = {"port_palm": (random.uniform(0, 20, 3), random.normal(size=3) * 0.1)}
     drag = DragTorque(model, links)
-    subject = moving((), 0)
-    motion = subject._integrator.motion()
     for _ in range(50):
-        motion.position[:] = random.uniform(-2, 2, model.n)
-        motion.velocity[:] = random.normal(size=model.n)
+        links, v = poses_at(model, random.uniform(-2, 2, model.n)), random.normal(size=model.n)
+        motion = joint_motion(model.n, links, velocity=v)
         assert drag.torque(motion) @ motion.velocity <= 0.0
     once = drag.torque(motion)
     motion.velocity[:] *= 3.0

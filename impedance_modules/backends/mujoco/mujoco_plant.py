@@ -22,7 +22,7 @@ from impedance_modules.arrays import Array
 from impedance_modules.backends.mujoco.robot_bodies import OWN
 from impedance_modules.backends.mujoco.scene import MujocoScene
 from impedance_modules.backends.mujoco.worn_effects import LINK, WornEffects
-from impedance_modules.effects.joint_motion import JointMotion
+from impedance_modules.effects.joint_motion import JointMotion, joint_motion
 from impedance_modules.errors import BadInput, NotConnected, PlantNotFinite, nearest
 from impedance_modules.plant.joints import IDEAL, hold_gains, joint_kind
 from impedance_modules.plant.motor_commands import (
@@ -88,6 +88,7 @@ class MujocoPlant:
         self._weight = WeightCompensation(model, worn.plant, options.gravity)
         self._pushes = _pushed_bodies(model, scene, pushes)
         self._command, self._assist = np.zeros(model.n), np.zeros(model.n)
+        self._seen = joint_motion(model.n, command=self._command)
         self._sensors = Sensors(model.spec.sensors, worn.plant.sensors, self._division.loop, None)
         self._queue: CommandQueue | None = None
         self._standing: Order | None = None
@@ -262,8 +263,9 @@ class MujocoPlant:
 
     def _motion(self) -> JointMotion:
         """What a drive sees of the joints."""
-        q, v, drive = self.position, self.velocity, self._command + self._assist
-        return JointMotion(self.time, q, v, q, v, self._command, drive, drive, q, v)
+        self._seen.time = self.time
+        np.add(self._command, self._assist, out=self._seen.drive)
+        return self._seen
 
     def _refuse_non_finite(self, time: float, before: Vector) -> None:
         """Refuses a state that has left every scale of a robot."""

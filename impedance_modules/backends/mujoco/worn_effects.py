@@ -19,9 +19,10 @@ import numpy as np
 from impedance_modules.arrays import Array
 from impedance_modules.backends.mujoco.robot_bodies import RobotIndices
 from impedance_modules.effects.apply import effects_of_patch
+from impedance_modules.effects.drive_path import DrivePath
 from impedance_modules.effects.effect import Effect, Values
 from impedance_modules.effects.effect_description import Port
-from impedance_modules.effects.plant_builder import DrivePath, PlantBuilder, PlantEffects
+from impedance_modules.effects.plant_builder import PlantBuilder, PlantEffects
 from impedance_modules.effects.simulator_numbers import Quantity
 from impedance_modules.errors import BadFile, Problem
 from impedance_modules.robot.model import RobotModel

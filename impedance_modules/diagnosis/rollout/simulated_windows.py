@@ -21,7 +21,7 @@ from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.rigid_dynamics import gravity_regressor
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.diagnosis.rollout.simulated_robot import PerturbedPlant
-from impedance_modules.effects.joint_motion import JointMotion
+from impedance_modules.effects.joint_motion import JointHistory
 from impedance_modules.errors import BadInput
 from impedance_modules.plant.rollout_plant import RolloutStart
 
@@ -235,7 +235,7 @@ def plant_input(prepared: Prepared, drive: str, perturbed: PerturbedPlant) -> Pl
 def seed_at(inputs: PlantInput, start: float, perturbed: PerturbedPlant) -> RolloutStart:
     """The plant's initial state at a time, with the motion before it."""
     step = perturbed.plant.division.step
-    remembers = bool(perturbed.plant.torques)
+    remembers = bool(perturbed.applied.torques)
     before = min(HISTORY, start - float(inputs.time[0])) if remembers else 0.0
     times = np.asarray(start - step * np.arange(round(before / step), -1, -1), dtype=float)
     q, v = _at(times, inputs.time, inputs.position), _at(times, inputs.time, inputs.velocity)
@@ -243,21 +243,18 @@ def seed_at(inputs: PlantInput, start: float, perturbed: PerturbedPlant) -> Roll
     compliance = np.array(perturbed.plant.model.spring_compliance())
     acting, aims = inputs.acting(times), inputs.aimed(times)
     assist = perturbed.plant.assistance(q[-1] + perturbed.applied.sensors.offset)
-    past = [
-        JointMotion(
-            time=float(times[k]),
-            position=q[k],
-            velocity=v[k],
-            motor_position=q[k] + compliance * load[k],
-            motor_velocity=v[k] + compliance * load_rate[k],
-            command=acting[k],
-            load=load[k],
-            drive=acting[k] + assist,
-            position_command=q[k] if aims is None else aims[k, 0],
-            velocity_command=v[k] if aims is None else aims[k, 1],
-        )
-        for k in range(len(times))
-    ]
+    past = JointHistory(
+        time=times,
+        position=q,
+        velocity=v,
+        motor_position=q + compliance * load,
+        motor_velocity=v + compliance * load_rate,
+        command=acting,
+        load=load,
+        drive=acting + assist,
+        position_command=q if aims is None else np.ascontiguousarray(aims[:, 0]),
+        velocity_command=v if aims is None else np.ascontiguousarray(aims[:, 1]),
+    )
     return RolloutStart(start, q[-1], v[-1], load[-1], load_rate[-1], acting[-1], past)
 
 
