@@ -128,7 +128,7 @@ def _accounts(measured: DriveFit, other: DriveFit) -> float:
 
 def friction_torque(values: Mapping[str, Mapping[str, float]], speed: Array, load: Array) -> Array:
     """Evaluates the fitted laws at speeds [rad/s] and loads [N.m] of the gear [N.m]."""
-    way = sign(speed)
+    way = sign.python(speed)
     dry = values["coulomb_friction"]["fc"]
     per_load = values["load_dependent_friction"]["kl"] if "load_dependent_friction" in values else 0.0
     smooth = values["viscous_friction"]["fv"] * speed + values["quadratic_drag"]["c"] * speed * np.abs(speed)
@@ -199,7 +199,7 @@ def _drawn(plain: Mapping[str, DriveFit], loaded: Mapping[str, DriveFit]) -> Plo
             friction = fit.torque - fit.rotor
             if fits is loaded:
                 per_load = fit.values["load_dependent_friction"]["kl"]
-                friction -= per_load * np.abs(fit.load) * sign(fit.speed)
+                friction -= per_load * np.abs(fit.load) * sign.python(fit.speed)
             axes.plot(fit.speed, friction, ".", ms=2, color=colour, alpha=0.5)
             speeds = np.linspace(fit.speed.min(), fit.speed.max(), 300)
             axes.plot(speeds, friction_torque(fit.values, speeds, np.zeros(300)), color=colour, label=task)

@@ -101,7 +101,7 @@ def _second_order(run: TaskRun, joint: str, fit: DriveFit) -> Array:
     q = episode.position[joint][0]
     for k, step in enumerate(np.diff(episode.time, append=episode.time[-1])):
         angle[k] = q
-        way = float(sign(np.array(speed)))
+        way = float(sign.python(np.array(speed)))
         dry = friction["fc"] * way + friction["da"] * abs(way) + friction["dv"] * abs(speed)
         elastic = spring["k"].value * (q - spring["q0"].value)
         speed += step * (command[k] - damping * speed - dry - elastic) / inertia

@@ -83,7 +83,7 @@ def regularisation_velocity(sliding: NDArray[np.bool_]) -> Array:
 
 
 @compiled
-def sign(velocity: Array | float, regularisation: Array | float) -> Any:
+def sign(velocity: Array | float, regularisation: Array | float = REGULARISATION_VELOCITY) -> Any:
     """Gives the regularised sign tanh(v / v_0); as Python, of arrays too."""
     return np.tanh(velocity / regularisation)
 
