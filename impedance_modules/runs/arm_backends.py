@@ -10,6 +10,7 @@ from impedance_modules.backends.ros2.ros2_backend import Ros2Backend, Ros2Option
 from impedance_modules.backends.ros2.ros2_checks import refuse_unfit_connection
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.control.contact_detection import contact_checks
+from impedance_modules.control.gripper_watch import ordered_grippers
 from impedance_modules.errors import BadInput
 from impedance_modules.robot.state import RobotState
 from impedance_modules.spec.connection_file import FrankaConnection, Ros2Connection
@@ -40,7 +41,9 @@ def franka_backend(
             f"--rate {assembly.rate:g} Hz: a Franka robot sends {FRANKA_RATE:g} states per second, of which every"
             " second, third ... can be used (valid: 1000, 500, 250, 200, ...)"
         )
-    options = FrankaOptions(assembly.rate, read_only, approach, recover, assembly.modules.posture)
+    options = FrankaOptions(
+        assembly.rate, read_only, approach, recover, assembly.modules.posture, ordered_grippers(assembly.task)
+    )
     limbs = {arm.limb.name: arm.limb for arm in assembly.modules.arms}
 
     def of_task(state: RobotState) -> tuple[PreflightResult, ...]:

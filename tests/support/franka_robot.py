@@ -92,7 +92,7 @@ def yaml_of(name: str, limbs: tuple[str, ...], gravity: str, joints: int) -> str
     limb_lines = "\n".join(
         f"  {limb}:\n    hand: {limb}_palm\n    joints: {{"
         + ", ".join(f"{j}: {limb}_joint{k + 1}" for k, j in enumerate(used))
-        + "}"
+        + "}\n    gripper: {kind: franka-hand, opening: [0, 0.08], force: 70, speed: 0.1, time_out: 8}"
         for limb in limbs
     )
     held = ", ".join(f"{limb}_joint{k}: {POSTURE[k - 1]}" for limb in limbs for k in range(joints + 1, 8))

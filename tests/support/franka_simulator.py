@@ -3,7 +3,8 @@
 
 As a program, ``python -m tests.support.franka_simulator ADDRESS...``; each line on its input is ``FAULT [ARM]``:
 ``reflex``, ``user_stop``, ``guiding``, ``nan``, ``mute`` (no states), ``unplug`` (the connection is cut), ``none``;
-``home`` is none, and puts the arm back to where it began.
+``home`` is none, and puts the arm back to where it began. Of the hand: ``thing`` (something 30 mm wide is between its
+fingers), ``unhomed``, ``hand_mute`` (it answers no order), ``hand_unplug`` (its connection is cut).
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from contextlib import contextmanager
 from importlib.util import find_spec
 from itertools import count as count_from
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 from tests.support.franka_robot import POSTURE, SPACING
@@ -33,6 +35,9 @@ NO_FRANKA = "; ".join(
 )
 JOINT_REFLEX = 6
 """Place of that error in the maker's list."""
+
+THING = 0.03
+"""Width of what is between the fingers, where something is [m]."""
 
 CALLS = count_from(0)
 """Counts the simulators of this process."""
@@ -92,6 +97,7 @@ def main(arguments: list[str]) -> None:
     falling = "--falling" in arguments
     server_class = faulty_server()
     simulation_server.FrankaRobotServer = server_class
+    make_hands_faulty()
     addresses = [text for text in arguments if not text.startswith("--")]
     with MujocoSimulator() as simulator:
         for k in range(len(addresses)):
@@ -128,6 +134,33 @@ def without_gravity_compensation(robot: Any) -> None:
     robot.torque_control = fall
 
 
+def make_hands_faulty() -> None:
+    """Has every hand fail as its arm is asked to."""
+    from franky_sim import franka_robot_server
+    from franky_sim.franka_gripper_server import FrankaGripperServer
+
+    class FaultyHand(FrankaGripperServer):
+        arm: Any = SimpleNamespace(asked="none")
+
+        def start_grasp(self, width: float, *rest: Any) -> None:
+            super().start_grasp(max(width, THING) if self.arm.asked == "thing" else width, *rest)
+
+        def _check_motion_state(self) -> None:
+            if self.arm.asked == "hand_unplug":
+                self.reset_state()
+            elif self.arm.asked != "hand_mute":
+                super()._check_motion_state()
+
+        def _get_state_bytes(self) -> bytes:
+            known, self._max_width = self._max_width, 0.0 if self.arm.asked == "unhomed" else self._max_width
+            try:
+                return super()._get_state_bytes()
+            finally:
+                self._max_width = known
+
+    franka_robot_server.FrankaGripperServer = FaultyHand
+
+
 def faulty_server() -> Any:
     """Makes a server of one arm that fails on request."""
     from franky_sim import franka_robot_protocol as protocol
@@ -139,6 +172,8 @@ def faulty_server() -> Any:
         shown = "none"
 
         def process_commands(self) -> None:
+            if self.gripper_server is not None:
+                self.gripper_server.arm = self
             if self.asked != self.shown:
                 self.shown = self.asked
                 self.begin_fault()

@@ -3,16 +3,11 @@
 
 from __future__ import annotations
 
-import os
 import select
 import socket
-import subprocess
-import sys
 import time
 from collections.abc import Sequence
-from pathlib import Path
 
-import impedance_modules
 from impedance_modules.backends.franka.arm_messages import (
     LARGEST,
     ArmOrder,
@@ -23,12 +18,10 @@ from impedance_modules.backends.franka.arm_messages import (
     pack_order,
     unpack,
 )
+from impedance_modules.backends.franka.processes import end_process, start_process
 from impedance_modules.errors import RobotRefused, RobotStopped
 from impedance_modules.safety.stop_levels import Event
 from impedance_modules.spec.connection_file import ArmWatch
-
-EXIT_TIME = 3.0
-"""Longest wait for an arm's process to end [s]; it takes the torque to zero first."""
 
 
 class ArmLink:
@@ -55,13 +48,11 @@ class ArmLink:
         self.refused = self.errors = self.connected = ""
         self.torque_ended = False
         self._stop: RobotStopped | None = None
-        self._channel, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        # Said of both ends: another library in this process (rospy does) may have set a time-out for all new sockets,
-        # and then even MSG_DONTWAIT waits.
-        self._channel.setblocking(False)
-        theirs.setblocking(True)
-        self._process = _start(address, theirs, watch, realtime=realtime)
-        theirs.close()
+        self._channel, self._process = start_process(
+            "impedance_modules.backends.franka.arm_process",
+            address,
+            ("required" if realtime else "optional", repr(watch.answer), repr(watch.silent)),
+        )
 
     def fileno(self) -> int:
         """Of the socket, for ``select``."""
@@ -144,11 +135,7 @@ class ArmLink:
         if self._process.poll() is None:
             self.order(OrderKind.QUIT)
         self._channel.close()
-        try:
-            self._process.wait(EXIT_TIME)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+        end_process(self._process)
 
     def _take(self, message: ArmReport | ArmText) -> None:
         if isinstance(message, ArmReport):
@@ -188,27 +175,3 @@ def remedy(words: str) -> str:
         if part in words:
             return text
     return "what Desk asks for; then try again"
-
-
-def _start(
-    address: str, channel: socket.socket, watch: ArmWatch, *, realtime: bool
-) -> subprocess.Popen[bytes]:
-    """Starts the process in a session of its own: Ctrl-C in a terminal reaches the run alone."""
-    package = str(Path(impedance_modules.__file__).resolve().parent.parent)
-    paths = [package, *filter(None, [os.environ.get("PYTHONPATH")])]
-    return subprocess.Popen(
-        [
-            sys.executable,
-            "-m",
-            "impedance_modules.backends.franka.arm_process",
-            address,
-            str(channel.fileno()),
-            "required" if realtime else "optional",
-            repr(watch.answer),
-            repr(watch.silent),
-        ],
-        pass_fds=(channel.fileno(),),
-        stdin=subprocess.DEVNULL,
-        start_new_session=True,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
-    )

@@ -22,6 +22,8 @@ from impedance_modules.backends.computer import SWITCH_INTERVAL, CpuIdleInhibito
 from impedance_modules.backends.franka.arm_link import ArmLink, remedy
 from impedance_modules.backends.franka.arm_messages import REFLEX, ArmReport, OrderKind
 from impedance_modules.backends.franka.franka_checks import NEAR, CheckedArm, check_arms
+from impedance_modules.backends.franka.hand_link import KIND, HandLink
+from impedance_modules.backends.grippers import GripperReport
 from impedance_modules.backends.preflight import PreflightResult, refuse_failed
 from impedance_modules.backends.protocol import Finish, FirstState
 from impedance_modules.errors import NotConnected, RobotRefused, RobotStopped
@@ -29,6 +31,7 @@ from impedance_modules.robot.model import Limb, RobotModel
 from impedance_modules.robot.state import RobotState
 from impedance_modules.safety.stop_levels import Event
 from impedance_modules.spec.connection_file import FrankaConnection
+from impedance_modules.spec.gripper_spec import GripperMotion
 
 ROBOT_PERIOD = 0.001
 """Of the robots' own loops [s]."""
@@ -71,6 +74,7 @@ class FrankaOptions:
         approach: Lets the robots' own position mode bring the arms to ``start`` first.
         recover: Asks a robot that a reflex has stopped for its automatic error recovery first.
         start: (n,) where the task begins [rad].
+        grippers: Limbs whose grippers the task orders.
     """
 
     rate: float
@@ -78,6 +82,7 @@ class FrankaOptions:
     approach: bool
     recover: bool
     start: Array
+    grippers: tuple[str, ...] = ()
 
 
 class FrankaBackend:
@@ -106,6 +111,7 @@ class FrankaBackend:
         # The first commanded arm leads: its states are the clock of the loop.
         self._names = [*commanded, *(name for name in model.limbs if name not in commanded)]
         self._links: dict[str, ArmLink] = {}
+        self._hands: dict[str, HandLink] = {}
         self._divisor = round(1.0 / (ROBOT_PERIOD * options.rate))
         self._period = 1.0 / options.rate
         self._zero_time = self._last_time = 0.0
@@ -167,6 +173,19 @@ class FrankaBackend:
         for name, limb in self._commanded.items():
             self._links[name].order(OrderKind.TORQUE, effort[limb.joints].tolist())
 
+    def gripper_limbs(self) -> tuple[str, ...]:
+        """Names the limbs that have a Franka Hand."""
+        limbs = self._model.spec.limbs.items()
+        return tuple(name for name, limb in limbs if limb.gripper is not None and limb.gripper.kind == KIND)
+
+    def order_gripper(self, limb: str, motion: GripperMotion) -> None:
+        """Hands an order on to a hand's own process."""
+        self._hands[limb].order(motion)
+
+    def gripper_report(self, limb: str) -> GripperReport:
+        """What is known of a hand now."""
+        return self._hands[limb].report()
+
     def finish(self, how: Finish) -> None:  # noqa: ARG002 - a robot that left torque mode holds by itself
         """Takes every torque to zero and ends torque mode: the robots then hold by themselves."""
         if not self._links:
@@ -210,6 +229,10 @@ class FrankaBackend:
             self._links[name] = ArmLink(
                 name, self._connection.addresses[name], self._watch, realtime=self._connection.realtime
             )
+        for name in self._options.grippers:
+            gripper = self._model.spec.limbs[name].gripper
+            if gripper is not None:
+                self._hands[name] = HandLink(name, self._connection.addresses[name], gripper)
         problems = []
         for link in self._links.values():
             try:
@@ -217,6 +240,11 @@ class FrankaBackend:
             except RobotRefused as refusal:
                 known = "valid:" in str(refusal)
                 problems.append(str(refusal) if known else f"{refusal} (valid: {remedy('Connection')})")
+        for hand in self._hands.values():
+            try:
+                hand.wait_until_known(CONNECT_TIME)
+            except RobotRefused as refusal:
+                problems.append(str(refusal))
         if problems:
             raise RobotRefused("\n".join(problems))
 
@@ -383,6 +411,9 @@ class FrankaBackend:
     def _leave(self) -> None:
         for link in self._links.values():
             link.close()
+        for hand in self._hands.values():
+            hand.close()
         self._links.clear()
+        self._hands.clear()
         sys.setswitchinterval(self._usual_interval)
         self._idle_inhibitor.end()
