@@ -35,7 +35,7 @@ from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.model_selection.naming import without_negligible, without_rejected
 from impedance_modules.diagnosis.model_selection.swallowed import swallowed_by_priors
 from impedance_modules.diagnosis.model_selection.tolerance import set_small_aside
-from impedance_modules.diagnosis.residuals.band import choose_cutoff, filter_length, least_duration
+from impedance_modules.diagnosis.residuals.band import choose_band, filter_length, least_duration
 from impedance_modules.diagnosis.residuals.contact_mask import (
     contact_note,
     without_links_in_contact,
@@ -85,12 +85,12 @@ def diagnose(
     logs, report = admit(episodes, model)
     logs = with_motor_torques(logs, model)
     model, known_effects = with_known_effects(model, known_effects)
-    cutoff = choose_cutoff(logs)
-    run_in = filter_length(cutoff)
-    split = assign_folds(logs, heldout, least_duration(cutoff, ROWS_MIN + 2), run_in)
+    common = choose_band(logs)
+    run_in = filter_length(common.cutoff)
+    split = assign_folds(logs, heldout, least_duration(common.cutoff, ROWS_MIN + 2), run_in)
     progress("computing residuals")
     rigid = BatchedRigidModel.of_tree(urdf, model.tree)
-    prepared = tuple(prepare(log, model, rigid, cutoff, known_effects) for log in split.logs)
+    prepared = tuple(prepare(log, model, rigid, common, known_effects) for log in split.logs)
     split, prepared = _long_enough(split, prepared)
     prepared = without_links_in_contact(prepared)
     progress("evaluating candidates")

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from impedance_modules.diagnosis.data.encoder_grid import quantisation_step, rounding_errors, steps_of
 from impedance_modules.diagnosis.regression import sensor_noise
-from impedance_modules.diagnosis.residuals.band import Band, thin
+from impedance_modules.diagnosis.residuals.band import CommonBand
 from impedance_modules.effects.recorded_signals import differentiate
 
 STEP = 2.0 * np.pi / 16384
@@ -29,8 +29,9 @@ def motion(rate: float, size: float, seed: int) -> np.ndarray:
 
 def velocity_noise(errors: np.ndarray, rate: float, cutoff: float) -> float:
     """Rms that position errors (N,) leave in the band of differentiated positions [rad/s]."""
-    thinned, rate = thin(errors[:, None], rate)
-    band, time = Band(rate, cutoff), np.arange(len(thinned)) / rate
+    common = CommonBand.of(rate, cutoff)
+    thinned, rate = common.thin(errors[:, None]), rate / common.thinning
+    band, time = common.at(rate), np.arange(len(thinned)) / rate
     return float(np.std(band.condense(differentiate(band.smooth(thinned), time))))
 
 
@@ -80,10 +81,11 @@ def recorded(size: float, rate: float = 500.0) -> SimpleNamespace:
     """One joint of unit inertia that was rounded, as the residuals know it."""
     q = motion(rate, size, 5)
     errors = rounding_errors(STEP * np.round(q / STEP)[:, None], GRID, 0)
-    thinned, rate = thin(errors, rate)
+    common = CommonBand.of(rate, 8.0)
+    thinned, rate = common.thin(errors), rate / common.thinning
     log = SimpleNamespace(rounding=thinned, rate=rate, samples=len(thinned), effort=None)
     signals = SimpleNamespace(n=1, reflected_inertia=np.zeros(1), measures_springs=True)
-    band = Band(rate, 8.0)
+    band = common.at(rate)
     position = band.condense(0.0 * thinned)
     return SimpleNamespace(log=log, signals=signals, band=band, tree=None, position=position)
 

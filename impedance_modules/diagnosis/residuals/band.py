@@ -15,7 +15,7 @@ from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import butter, firwin, sosfiltfilt, upfirdn
+from scipy.signal import butter, firwin, kaiser_beta, oaconvolve, sosfiltfilt, upfirdn
 
 from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.log import Log
@@ -31,6 +31,15 @@ BAND_MIN, BAND_MAX = 3.0, 20.0
 WORK_RATE = 200.0
 """Recordings with a higher rate are thinned to it, after a zero-phase filter [Hz]."""
 
+FLAT_UNTIL = 0.4
+"""Frequency up to which thinned samples are whole [cycles per sample]."""
+
+ALIAS_ATTENUATION = 100.0
+"""Of what would appear at another frequency by thinning, and of the ripple below it [dB]."""
+
+CLOCK_ERROR = 1.0 + 1e-3
+"""A rate of 999.99 Hz is one of 1000 Hz."""
+
 HALF_LENGTH = 2.6
 """Half the filter's length, in periods of the end of the band; this much is cut off at both ends."""
 
@@ -39,27 +48,63 @@ CHUNK_SIZE = 4_000_000
 
 
 @dataclass(frozen=True)
+class CommonBand:
+    """The band of a data set: the same steps for all of its recordings.
+
+    Clocks differ: of 200.0009 and 199.9999 Hz one would keep every fourth sample and the other every third. Repeats
+    could not be compared then, and one noise would have two colours.
+
+    Attributes:
+        cutoff: End of the band [Hz].
+        thinning: Every so many recorded samples one is kept, which brings them to at most `WORK_RATE`.
+        step: Decimation of what was thinned, to at least 2.5 samples per period of the cutoff.
+    """
+
+    cutoff: float
+    thinning: int
+    step: int
+
+    @classmethod
+    def of(cls, rate: float, cutoff: float) -> CommonBand:
+        """Chooses the steps for recordings of about one rate [Hz]."""
+        thinning = max(1, int(rate * CLOCK_ERROR // WORK_RATE))
+        return cls(cutoff, thinning, max(1, int(rate * CLOCK_ERROR / thinning / (2.5 * cutoff))))
+
+    def thin(self, values: Array) -> Array:
+        """Keeps one of so many samples (N, n), after a zero-phase filter that is flat up to `FLAT_UNTIL`.
+
+        The noise of a sensor is read just below that: a filter that begins earlier would hide half of its power.
+        """
+        return values if self.thinning == 1 else _flat_until_edge(values, self.thinning)[:: self.thinning]
+
+    def thin_mask(self, values: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Thins (N,) marks as `thin` does samples: a kept mark is set if any up to the next one is."""
+        return np.logical_or.reduceat(values, np.arange(0, len(values), self.thinning))
+
+    def at(self, rate: float) -> Band:
+        """The band of a recording that was thinned to a rate [Hz]."""
+        return Band(rate, self.cutoff, self.step)
+
+
+@dataclass(frozen=True)
 class Band:
-    """How recordings of one rate are filtered and thinned.
+    """How a recording is filtered and thinned.
 
     Attributes:
         rate: Of the samples that go in [Hz].
         cutoff: End of the band [Hz].
+        step: Decimation: every so many samples one is kept.
         motion_cutoff: Cutoff of the motion that enters models and columns [Hz].
     """
 
     rate: float
     cutoff: float
+    step: int
 
     @property
     def motion_cutoff(self) -> float:
         """Cutoff of the motion filter, far enough above the band to leave it flat [Hz]."""
         return min(2.5 * self.cutoff, 0.4 * self.rate)
-
-    @property
-    def step(self) -> int:
-        """Decimation: every so many samples one is kept, at least 2.5 per period of the cutoff."""
-        return max(1, int(self.rate / (2.5 * self.cutoff)))
 
     @property
     def margin(self) -> int:
@@ -95,14 +140,16 @@ class Band:
         return values[self.margin : len(values) - self.margin : self.step][: self.kept(len(values))]
 
 
-def choose_cutoff(logs: Sequence[Log]) -> float:
-    """Finds the end of the band that suits all recordings [Hz]."""
+def choose_band(logs: Sequence[Log]) -> CommonBand:
+    """Finds the band that suits all recordings; their rates are about alike (`data.time_base`)."""
     found = [
         _cutoff(log.position[:, joint], log.rate) for log in logs for joint in range(log.position.shape[1])
     ]
     known = [cutoff for cutoff in found if cutoff is not None]
-    highest = min(BAND_MAX, min(log.rate for log in logs) / 5.0)
-    return float(np.clip(np.median(known) if known else BAND_MIN, min(BAND_MIN, highest), highest))
+    rate = min(log.rate for log in logs)
+    highest = min(BAND_MAX, rate / 5.0)
+    cutoff = np.clip(np.median(known) if known else BAND_MIN, min(BAND_MIN, highest), highest)
+    return CommonBand.of(rate, float(cutoff))
 
 
 def filter_length(cutoff: float) -> float:
@@ -113,20 +160,6 @@ def filter_length(cutoff: float) -> float:
 def least_duration(cutoff: float, rows: int) -> float:
     """About how long a segment must be [s] to give so many samples in the band."""
     return rows / 2.5 / cutoff
-
-
-def thin(values: Array, rate: float) -> tuple[Array, float]:
-    """Brings (N, n) samples to at most `WORK_RATE`; returns them with their new rate."""
-    step = int(rate * (1.0 + 1e-3) // WORK_RATE)  # 999.99 Hz is 1000 Hz
-    if step < 2:
-        return values, rate
-    return _zero_phase(values, rate, 0.4 * rate / step)[::step], rate / step
-
-
-def thin_mask(values: NDArray[np.bool_], rate: float) -> NDArray[np.bool_]:
-    """Thins (N,) marks as `thin` does samples: a kept mark is set if any up to the next one is."""
-    step = int(rate * (1.0 + 1e-3) // WORK_RATE)
-    return values if step < 2 else np.logical_or.reduceat(values, np.arange(0, len(values), step))
 
 
 def _cutoff(position: Array, rate: float) -> float | None:
@@ -142,6 +175,17 @@ def _cutoff(position: Array, rate: float) -> float | None:
         return None
     within = noise_power <= NOISE_SHARE**2 * signal_power[-1]
     return float(frequency[np.flatnonzero(within)[-1]]) if within.any() else None
+
+
+def _flat_until_edge(values: Array, step: int) -> Array:
+    """Filters samples (N, n) for being thinned; beyond their ends they are continued as if turned about them."""
+    width = (0.5 - FLAT_UNTIL) / step
+    half = min(round((ALIAS_ATTENUATION - 7.95) / 28.7 / width), len(values) - 1)  # Kaiser's length of a filter
+    window = ("kaiser", kaiser_beta(ALIAS_ATTENUATION))
+    taps = firwin(2 * half + 1, 0.5 * (FLAT_UNTIL + 0.5) / step, fs=1.0, window=window)
+    before = 2.0 * values[0] - values[half:0:-1]
+    after = 2.0 * values[-1] - values[-2 : -half - 2 : -1]
+    return np.asarray(oaconvolve(np.concatenate([before, values, after]), taps[:, None], mode="valid", axes=0))
 
 
 def _zero_phase(values: Array, rate: float, cutoff: float) -> Array:

@@ -25,7 +25,7 @@ from impedance_modules.diagnosis.data.rigid_dynamics import (
 )
 from impedance_modules.diagnosis.data.rigid_tree import RigidTree
 from impedance_modules.diagnosis.data.time_base import delayed
-from impedance_modules.diagnosis.residuals.band import Band, thin, thin_mask
+from impedance_modules.diagnosis.residuals.band import Band, CommonBand
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.drive_effects import lagged
 from impedance_modules.effects.effect import Site, predicted
@@ -88,12 +88,12 @@ def prepare(
     log: Log,
     model: NominalModel,
     rigid: BatchedRigidModel,
-    cutoff: float,
+    common: CommonBand,
     known_effects: Sequence[EffectSpec] = (),
 ) -> Prepared:
     """Computes a log's residuals against the model with the known effects of a patch applied."""
-    log = _thinned(log)
-    band = Band(log.rate, cutoff)
+    log = _thinned(log, common)
+    band = common.at(log.rate)
     q = band.smooth(log.position)
     time = log.start + np.arange(log.samples) / log.rate
     v = differentiate(q, time)
@@ -205,16 +205,15 @@ def _lagged(values: Array, time_constant: float, time: Array) -> Array:
     return np.column_stack([lagged(column, time, time_constant) for column in values.T])
 
 
-def _thinned(log: Log) -> Log:
+def _thinned(log: Log, common: CommonBand) -> Log:
     def take(values: Array | None) -> Array | None:
-        return None if values is None else thin(values, log.rate)[0]
+        return None if values is None else common.thin(values)
 
-    position, rate = thin(log.position, log.rate)
     return Log(
         name=log.name,
         group=log.group,
-        rate=rate,
-        position=position,
+        rate=log.rate / common.thinning,
+        position=common.thin(log.position),
         velocity=take(log.velocity),
         effort=take(log.effort),
         command=take(log.command),
@@ -222,6 +221,6 @@ def _thinned(log: Log) -> Log:
         effort_source=log.effort_source,
         gravity_compensation=log.gravity_compensation,
         start=log.start,
-        in_contact=None if log.in_contact is None else thin_mask(log.in_contact, log.rate),
+        in_contact=None if log.in_contact is None else common.thin_mask(log.in_contact),
         rounding=take(log.rounding),
     )

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""One band for all recordings of a data set: clocks that differ by less than a hundredth change no step."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from impedance_modules.diagnosis.data.log import Log
+from impedance_modules.diagnosis.regression.sensor_noise import white_noise
+from impedance_modules.diagnosis.residuals.band import CommonBand, choose_band
+from impedance_modules.effects.recorded_signals import differentiate
+
+
+def log(rate: float, seed: int) -> Log:
+    """A joint that moves below 1 Hz, without noise."""
+    time = np.arange(int(10.0 * rate)) / rate
+    frequency, phase = np.random.default_rng(seed).uniform(0.1, 1.0, (2, 5))
+    position = 0.2 * np.sin(2.0 * np.pi * np.outer(time, frequency) + 6.0 * phase).sum(axis=1)[:, None]
+    return Log("run", "run", rate, position, None, None, None, None, None, "none")
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.sampled_from([50.0, 100.0, 200.0, 250.0, 400.0, 500.0, 1000.0]),
+    st.lists(st.floats(-1e-3, 1e-3), min_size=2, max_size=4),
+)
+def test_recordings_by_different_clocks_keep_the_same_samples(rate, drifts):
+    logs = [log(rate * (1.0 + drift), 1) for drift in drifts]
+    common = choose_band(logs)
+    bands = [common.at(one.rate / common.thinning) for one in logs]
+    kept = [band.rate / band.step for band in bands]
+    assert max(kept) / min(kept) == pytest.approx(1.0, abs=2.1e-3)
+    assert min(kept) >= 2.4 * common.cutoff
+
+
+def test_two_clocks_of_two_hundred_hertz():
+    """Thinned apart, one keeps every fourth sample and the other every third."""
+    apart = [int(rate / (2.5 * 20.0)) for rate in (200.0009, 199.9999)]
+    assert apart == [4, 3]
+    assert CommonBand.of(199.9999, 20.0).step == CommonBand.of(200.0009, 20.0).step == 4
+
+
+def test_thinned_samples_keep_the_motion_and_lose_what_would_alias():
+    common, time = CommonBand.of(999.95, 20.0), np.arange(4000) / 1000.0
+    assert (common.thinning, common.step) == (5, 4)
+    slow, fast = np.sin(2.0 * np.pi * 3.0 * time)[:, None], np.sin(2.0 * np.pi * 190.0 * time)[:, None]
+    inner = slice(40, -40)
+    assert common.thin(slow)[inner] == pytest.approx(slow[::5][inner], abs=2e-5)
+    assert np.abs(common.thin(fast)[inner]).max() < 1e-3
+    marks = np.zeros(4000, dtype=bool)
+    marks[1003] = True
+    assert common.thin_mask(marks).sum() == 1 and common.thin_mask(marks)[200]
+
+
+@pytest.mark.parametrize("rate", [400.0, 500.0, 1000.0])
+def test_the_noise_of_a_thinned_sensor_is_read_whole(rate):
+    """White noise keeps its density: per sample it is as strong as before, where it is read."""
+    noise = 1e-4 * np.random.default_rng(3).standard_normal((int(40.0 * rate), 3))
+    common = CommonBand.of(rate, 20.0)
+    thinned = common.thin(noise)
+    assert white_noise(thinned) == pytest.approx(1e-4 / np.sqrt(common.thinning), rel=0.12)
+
+
+@pytest.mark.parametrize("rate", [500.0, 1000.0])
+def test_what_the_noise_of_positions_makes_of_clean_motion_is_as_strong_as_what_is_read(rate):
+    """Accelerations in the band by noise beyond the motion, and by the noise that was added."""
+    time = np.arange(int(20.0 * rate)) / rate
+    q = np.column_stack([0.3 * np.sin(2.0 * np.pi * f * time) for f in (0.3, 0.5, 0.7)])
+    noise = 1e-4 * np.random.default_rng(4).standard_normal(q.shape)
+    common = CommonBand.of(rate, 20.0)
+    band = common.at(rate / common.thinning)
+
+    def acceleration(values: np.ndarray) -> np.ndarray:
+        smooth = band.smooth(values)
+        at = np.arange(len(smooth)) / band.rate
+        return np.std(band.condense(differentiate(differentiate(smooth, at), at)), axis=0)
+
+    real = acceleration(common.thin(noise))
+    read = white_noise(common.thin(q + noise))
+    drawn = read * np.random.default_rng(5).standard_normal(common.thin(q).shape)
+    assert acceleration(drawn) == pytest.approx(real, rel=0.15)
