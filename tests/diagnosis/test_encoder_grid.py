@@ -10,7 +10,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from impedance_modules.diagnosis.data.encoder_grid import quantisation_step, rounding_errors, steps_of
+from impedance_modules.diagnosis.data.encoder_grid import (
+    DITHER,
+    mean_rounding,
+    quantisation_step,
+    rounding_errors,
+    steps_of,
+    torque_steps_of,
+)
 from impedance_modules.diagnosis.regression import sensor_noise
 from impedance_modules.diagnosis.residuals.band import CommonBand
 from impedance_modules.effects.recorded_signals import differentiate
@@ -101,3 +108,31 @@ def test_the_floor_of_a_slow_recording_is_higher_than_that_of_fast_repeats(resid
     fast, slow = (float(np.mean(getattr(made[r], name) ** 2)) for r in (0, 2))
     assert ratio[2, 0] == pytest.approx(np.sqrt((power - fast + slow) / power), rel=0.02)
     assert ratio[2, 0] > 1.15
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(0.1, 3.0), st.floats(-2.0, 2.0), st.integers(0, 10_000))
+def test_the_mean_error_of_a_torque_on_a_grid_is_that_of_many_readings(step, level, seed):
+    """Read a hundred thousand times with noise of a fifth of a step."""
+    torque = step * level
+    noise = DITHER * step * np.random.default_rng(seed).standard_normal(100_000)
+    read = step * np.round((torque + noise) / step)
+    found = mean_rounding(np.array([[torque]]), np.array([step]))[0, 0]
+    assert found == pytest.approx(read.mean() - torque, abs=0.02 * step)
+    assert mean_rounding(np.array([[torque]]), np.zeros(1))[0, 0] == 0.0
+
+
+@pytest.mark.parametrize("size", [0.6, 1.4, 6.0, 200.0])
+def test_the_grid_of_a_torque_of_few_levels_is_found(size):
+    """A torque of half a step to two hundred steps, on a grid of 0.162 N.m."""
+    random, step = np.random.default_rng(6), 0.162
+    torque = size * step * np.sin(2.0 * np.pi * 0.5 * np.arange(4000) / 200.0)
+    read = step * np.round(torque / step + 0.3 * random.standard_normal(4000))
+    recordings = [{"a": read, "b": torque}]
+    assert torque_steps_of(recordings, ["a", "b"]) == pytest.approx([step, 0.0], rel=1e-6)
+
+
+def test_a_torque_that_is_switched_is_on_no_grid():
+    pattern = np.repeat([3.0, 0.0, -3.0, 3.0, -3.0, 0.0, 3.0, -3.0], 60)
+    recordings = [{"a": np.tile(pattern, 5), "b": np.tile(np.repeat([2.0, -2.0], 50), 20)}]
+    assert not torque_steps_of(recordings, ["a", "b"]).any()

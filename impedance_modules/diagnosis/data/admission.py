@@ -6,6 +6,7 @@ from __future__ import annotations
 import re
 import zlib
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from impedance_modules.diagnosis.data.dataset_consistency import (
     refuse_copies,
     refuse_mixed_recordings,
 )
-from impedance_modules.diagnosis.data.encoder_grid import rounding_errors, steps_of
+from impedance_modules.diagnosis.data.encoder_grid import rounding_errors, steps_of, torque_steps_of
 from impedance_modules.diagnosis.data.log import DataReport, InsufficientData, Log
 from impedance_modules.diagnosis.data.long_recordings import segment_note, segment_origin
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
@@ -78,6 +79,8 @@ def admit(episodes: Sequence[Episode], model: NominalModel) -> tuple[tuple[Log, 
     refuse_mixed_recordings(episodes)
     steps = steps_of([episode.position for episode in episodes], model.joints)
     found = [_log(episode, model, steps, warnings) for episode in episodes]
+    torque_steps = torque_steps_of([episode.effort for episode in episodes], model.joints)
+    found = [(replace(log, effort_steps=torque_steps), jitter) for log, jitter in found]
     logs = [unwrapped(log, model, warnings) for log, _ in found]
     refuse_copies(logs)
     for log in logs:

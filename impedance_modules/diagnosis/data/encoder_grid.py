@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""The grid of an encoder: its step, and the errors that it made of a motion.
+r"""The grid of an encoder or of a torque reading: its step, and the errors that it made of a motion.
 
 A position that crosses many steps per sample is rounded as if by chance: white noise of variance g^2 / 12. One that
 needs several samples per step is a staircase. Its errors are saw teeth of |v| / g per second, and at low speed those
@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy.interpolate import Akima1DInterpolator
+from scipy.special import ndtr
 
 from impedance_modules.arrays import Array
 
@@ -29,6 +30,13 @@ STAIRCASE = 0.05
 
 CROSSINGS_MIN = 3
 """Fewest crossings of the grid that show a path."""
+
+NEIGHBOURS = 0.9
+"""Part of the changes of a torque that lead to the next level, where few levels are to be a grid: a torque that is
+switched jumps over some."""
+
+DITHER = 0.2
+"""Standard deviation of a sensor's own noise over the step of its grid."""
 
 
 def quantisation_step(positions: Array) -> float:
@@ -64,6 +72,54 @@ def steps_of(recordings: Sequence[Mapping[str, Array]], joints: Sequence[str]) -
         for joint in joints
     ]
     return np.array([min((step for step in steps if step > 0.0), default=0.0) for steps in found])
+
+
+def torque_steps_of(recordings: Sequence[Mapping[str, Array]], joints: Sequence[str]) -> Array:
+    """Finds the steps (n,) of grids on which torques were written; zero where there is none, or joints lack.
+
+    Args:
+        recordings: Joint -> (N,) measured torque of each [N.m or N].
+        joints: Whose steps are looked for.
+    """
+    steps = steps_of(recordings, joints)
+    for i in np.flatnonzero(steps == 0.0):
+        found = [
+            _step_of_few_levels(recording[joints[i]]) for recording in recordings if joints[i] in recording
+        ]
+        steps[i] = min((step for step in found if step > 0.0), default=0.0)
+    return steps
+
+
+def _step_of_few_levels(torque: Array) -> float:
+    """Step of a torque (N,) that is smaller than a few steps; zero where its levels are no whole multiples of one."""
+    places = np.unique(np.round(torque / FILE_ROUNDING)) * FILE_ROUNDING
+    changes = np.abs(np.diff(torque))
+    changes = changes[changes > FILE_ROUNDING]
+    if not 2 <= len(places) <= DIFFERENCES_MIN or len(changes) < DIFFERENCES_MIN:
+        return 0.0
+    step = float(np.diff(places).min())
+    counts = places / step
+    whole = bool(np.all(np.abs(counts - np.round(counts)) < 0.02))
+    return step if whole and float(np.mean(changes < 1.5 * step)) >= NEIGHBOURS else 0.0
+
+
+def mean_rounding(torque: Array, steps: Array) -> Array:
+    r"""What a grid adds to a torque (N, n) on the mean over the sensor's noise: the same whenever the torque is.
+
+        E[round(\tau + d \xi)] - \tau,      d the noise that dithers the grid
+
+    A torque below half a step reads zero; noise alone makes it read anything. So a small torque reads too small, in
+    every repeat, by an error that is a function of the torque.
+
+    Args:
+        torque: As the model has it [N.m or N].
+        steps: (n,) of the grids; 0 where there is none.
+    """
+    size = np.where(steps > 0.0, steps, 1.0)
+    nearest = np.round(torque / size)
+    beside = torque / size - nearest
+    mean = nearest - 1.0 + ndtr((beside + 0.5) / DITHER) + ndtr((beside - 0.5) / DITHER)
+    return np.asarray(np.where(steps > 0.0, mean * size - torque, 0.0))
 
 
 def rounding_errors(positions: Array, steps: Array, seed: int) -> Array:

@@ -39,6 +39,7 @@ class Log:
         in_contact: (N,) samples whose phase says that the robot is in contact; None without phases.
         rounding: (N, n) errors as the encoders' grids made them of these positions, simulated [rad]; zero where
             positions are not rounded.
+        effort_steps: (n,) of the grids on which efforts were written [N.m]; zero where there is none.
     """
 
     name: str
@@ -54,6 +55,7 @@ class Log:
     start: float = 0.0
     in_contact: Mask | None = None
     rounding: Array | None = None
+    effort_steps: Array | None = None
 
     @property
     def samples(self) -> int:

@@ -180,12 +180,16 @@ def _cutoff(position: Array, rate: float) -> float | None:
 def _flat_until_edge(values: Array, step: int) -> Array:
     """Filters samples (N, n) for being thinned; beyond their ends they are continued as if turned about them."""
     width = (0.5 - FLAT_UNTIL) / step
-    half = min(round((ALIAS_ATTENUATION - 7.95) / 28.7 / width), len(values) - 1)  # Kaiser's length of a filter
+    half = min(
+        round((ALIAS_ATTENUATION - 7.95) / 28.7 / width), len(values) - 1
+    )  # Kaiser's length of a filter
     window = ("kaiser", kaiser_beta(ALIAS_ATTENUATION))
     taps = firwin(2 * half + 1, 0.5 * (FLAT_UNTIL + 0.5) / step, fs=1.0, window=window)
     before = 2.0 * values[0] - values[half:0:-1]
     after = 2.0 * values[-1] - values[-2 : -half - 2 : -1]
-    return np.asarray(oaconvolve(np.concatenate([before, values, after]), taps[:, None], mode="valid", axes=0))
+    return np.asarray(
+        oaconvolve(np.concatenate([before, values, after]), taps[:, None], mode="valid", axes=0)
+    )
 
 
 def _zero_phase(values: Array, rate: float, cutoff: float) -> Array:
