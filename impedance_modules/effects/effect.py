@@ -198,6 +198,16 @@ class Effect(ABC):
         """
         return False
 
+    def noise_column(self, signals: Signals, joint: int, curvature: Array) -> Array | None:
+        """Gives what errors of the positions add to its column (M,); None where that is no more than to residuals.
+
+        Args:
+            signals: One recording.
+            joint: Index of its joint.
+            curvature: (M, n) second derivative of the torque that such errors make of the links' [N.m/s^2].
+        """
+        return None
+
     def computed_from_command(self, port: Port) -> bool:
         """Says whether its columns are made of what was asked for, which is known exactly as it was sent."""
         return False

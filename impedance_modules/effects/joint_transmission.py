@@ -146,6 +146,10 @@ class JointElasticity(Effect):
         """Where no sensor measures the torque that bends the spring, it is computed from accelerations."""
         return not signals.measures_springs
 
+    def noise_column(self, signals: Signals, joint: int, curvature: Array) -> Array | None:
+        """Its load is computed from accelerations, also where a sensor reads it: that reading has noise of its own."""
+        return np.asarray(signals.reflected_inertia[joint] * curvature[:, joint])
+
     def coefficients(self, values: Values, site: Site) -> tuple[Array, dict[str, float]]:
         """Coefficient 1/K - 1/K_nominal."""
         return np.array([1.0 / values["K"] - site.signals.spring_compliance[site.joint]]), {}

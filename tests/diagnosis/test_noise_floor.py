@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from impedance_modules.diagnosis.regression import noise_floor as judged
 from impedance_modules.diagnosis.regression.candidates import CandidateRegressor
-from impedance_modules.diagnosis.regression.noise_floor import Left, fit_robustly
+from impedance_modules.diagnosis.regression.noise_floor import Left, _noise_shares, fit_robustly
 from impedance_modules.diagnosis.regression.nuisance_columns import NuisanceColumns
 from impedance_modules.diagnosis.regression.sensor_noise import (
     SENSOR_NOISE_RATIO,
@@ -128,3 +128,14 @@ def test_chance_is_no_noisier_sensor_and_the_ratio_has_an_end() -> None:
 
 def test_without_a_measured_torque_all_recordings_are_alike() -> None:
     np.testing.assert_allclose(_sensor_noise_ratio(_recordings(1.0, 9.0, effort=False), [(1, 0)]), 1.0)
+
+
+@pytest.mark.parametrize("sensor", [0.0, 0.3, 2.0])
+def test_without_repeats_a_recording_with_more_inertia_has_more_noise(sensor: float) -> None:
+    """Noise of the positions times an inertia of 1, 2 and 3 in three recordings, beside a sensor's; the third is held out."""
+    random, inertia = np.random.default_rng(8), np.array([1.0, 2.0, 3.0])
+    pieces = [m * random.standard_normal(4000) + sensor * random.standard_normal(4000) for m in inertia]
+    share = _noise_shares([pieces[:2]], np.zeros(1), (inertia**2)[:, None], (0, 1))
+    mean = np.sqrt(np.mean([np.mean(piece**2) for piece in pieces[:2]]))
+    floor = 0.12 if sensor == 0.0 else 0.06  # a twentieth of the noise is always taken to be the sensor's
+    assert mean * share[:, 0] == pytest.approx([np.std(piece) for piece in pieces], rel=floor)

@@ -143,3 +143,46 @@ def test_a_cause_is_credited_with_what_it_explains_beyond_the_stronger_ones() ->
     found = ranked_terms(evidence)
     assert [term.name for term, _ in found] == ["b", "c", "a"]
     assert [gain for _, gain in found] == pytest.approx([6.0, 1.5, 1e-12])
+
+
+def noisy(seed: int) -> tuple[SimpleNamespace, tuple[SimpleNamespace, ...]]:
+    """A trial of an elasticity fitted to a clean joint whose accelerations are noise, as is their curvature."""
+    random = np.random.default_rng(seed)
+    acceleration = np.convolve(random.standard_normal(2004), np.ones(5) / 5.0, mode="valid")
+    curvature = 100.0 * np.gradient(np.gradient(acceleration))
+    column = 0.5 * curvature
+    items = (
+        SimpleNamespace(
+            signals=SimpleNamespace(reflected_inertia=np.array([0.5])), noise=(acceleration, curvature)
+        ),
+    )
+    whitening = SimpleNamespace(apply=lambda values, r, g: values)
+    design = SimpleNamespace(groups=(("actuator", 0),), whitening=whitening)
+    model_fit = SimpleNamespace(model=(), starts=(), design=design, fitted=(0,))
+    one = trial(effect=CATALOGUE["joint_elasticity"], model_fit=model_fit)
+    one.term.layout.scale = np.ones(1)
+    one.term.columns = ({0: column[:, None]},)
+    own = float(column @ (-0.5 * acceleration) / (column @ column))
+    one.in_sample.own, one.in_sample.spread = np.array([own]), np.array([0.02 * abs(own)])
+    return one, items
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_an_elasticity_that_noise_alone_makes_is_rejected(monkeypatch: pytest.MonkeyPatch, seed: int) -> None:
+    """Clean data give a stiffness that is positive and certain: errors in variables."""
+
+    def errors(item: SimpleNamespace, _: int) -> SimpleNamespace:
+        acceleration, curvature = item.noise
+        return SimpleNamespace(curvature=curvature[:, None], of=lambda group: -0.5 * acceleration)
+
+    monkeypatch.setattr(plausibility, "made_by_positions", errors)
+    clean, items = noisy(seed)
+    signals = SimpleNamespace(measures_springs=True, spring_compliance=np.zeros(1))
+    known = Plausibility(signals=signals, bodies={}, reach=1.0, pairs=(), resolution=0.0, prepared=items)
+    assert clean.in_sample.own[0] > 0.0
+    assert "noise alone" in str(known.implausible(clean))
+    assert plausibility.made_by_noise(clean, items) == pytest.approx(clean.in_sample.own[0], rel=1e-9)
+    soft = 3.0 * clean.in_sample.own
+    clean.in_sample.own = soft
+    monkeypatch.setattr(Plausibility, "unphysical", lambda self, one: None)
+    assert known.implausible(clean) is None

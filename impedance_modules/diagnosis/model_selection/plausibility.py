@@ -7,6 +7,12 @@ One of them is that its torque does not come back when the motion is repeated, a
 
 In slow motion accelerations are mostly noise of the velocity's reading that went through the controller's damping; an
 inertia or a lag fitted to them follows the very noise that the residual holds. Repeats tell: their noise differs.
+
+Without repeats, a column that differentiates positions twice more than the residual does is mostly their noise at the
+end of the band, and the residual holds the same. Least squares then find a coefficient without any cause (errors in
+variables), which follows from the noise of the positions alone:
+
+    b_n = \sum x_n \cdot y_n / \sum |x|^2,      x_n, y_n what that noise makes of column and residual
 """
 
 from __future__ import annotations
@@ -22,6 +28,7 @@ from impedance_modules.diagnosis.model_selection.acceptance import joints_disagr
 from impedance_modules.diagnosis.model_selection.candidate_trial import CandidateTrial
 from impedance_modules.diagnosis.regression.model_fit import ModelTerm
 from impedance_modules.diagnosis.regression.noise_floor import repeat_pairs
+from impedance_modules.diagnosis.regression.sensor_noise import made_by_positions
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.effects.effect import JointLaw
 from impedance_modules.effects.recorded_signals import Signals
@@ -35,6 +42,9 @@ FAR = 1.5
 
 CANCELLED_MAX = 0.5
 """Part of one constant torque that another on the same joint may cancel."""
+
+RESOLVED = 3.5
+"""Standard deviations by which a coefficient must differ from what the positions' noise makes of it."""
 
 REPEATED_MIN = 0.5
 """Least correlation: from there on more than half of a candidate's power belongs to the motion."""
@@ -50,6 +60,7 @@ class Plausibility:
         reach: Farthest place of a load on a link [m].
         pairs: Recordings that repeat each other.
         resolution: Grid of the position sensors [rad]; zero where nothing is stated.
+        prepared: The recordings.
     """
 
     signals: Signals
@@ -57,6 +68,7 @@ class Plausibility:
     reach: float
     pairs: Sequence[tuple[int, int]]
     resolution: float
+    prepared: Sequence[Prepared] = ()
 
     @classmethod
     def of(cls, prepared: Sequence[Prepared], fitted: Sequence[int], resolution: float) -> Plausibility:
@@ -69,6 +81,7 @@ class Plausibility:
             reach=FAR * longest or float("inf"),
             pairs=repeat_pairs(prepared, fitted),
             resolution=resolution,
+            prepared=prepared,
         )
 
     def implausible(self, trial: CandidateTrial) -> str | None:
@@ -77,6 +90,12 @@ class Plausibility:
             return "what makes it this effect rather than a simpler one is not there for certain"
         if not self.pairs and trial.term.candidate.effect.imitates_noise(self.signals):
             return "only a motion that is repeated tells it from the positions' noise, which it contains"
+        made = None if self.pairs else made_by_noise(trial, self.prepared)
+        if (
+            made is not None
+            and abs(float(trial.in_sample.own[0]) - made) < RESOLVED * trial.in_sample.spread[0]
+        ):
+            return "the positions' noise alone makes as much of it, in column and residual alike"
         return self.unphysical(trial)
 
     def unphysical(self, trial: CandidateTrial) -> str | None:
@@ -106,6 +125,28 @@ class Plausibility:
     def of_body(self, trial: CandidateTrial) -> bool:
         """Whether a trial is about a body: several numbers, of which one may be a rotor's or an offset's."""
         return trial.term.candidate.key in self.bodies
+
+
+def made_by_noise(trial: CandidateTrial, prepared: Sequence[Prepared]) -> float | None:
+    """Gives the scaled coefficient that the positions' noise makes by itself; None where the column is not its own."""
+    term, design = trial.term, trial.model_fit.design
+    effect, scale = term.candidate.effect, float(term.layout.scale[0])
+    both = power = 0.0
+    for r, item in enumerate(prepared):
+        if r not in trial.model_fit.fitted:
+            continue
+        errors = made_by_positions(item, r)
+        for g in term.groups:
+            residual, joint = design.groups[g]
+            column = effect.noise_column(item.signals, joint, errors.curvature)
+            if column is None:
+                return None
+            both += float(
+                design.whitening.apply(column / scale, r, g)
+                @ design.whitening.apply(errors.of((residual, joint)), r, g)
+            )
+            power += float(np.sum(term.columns[r][g][:, 0] ** 2))
+    return both / power if power > 0.0 else None
 
 
 def comes_back(trial: CandidateTrial, pairs: Sequence[tuple[int, int]]) -> bool:

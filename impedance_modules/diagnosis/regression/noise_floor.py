@@ -17,6 +17,7 @@ from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.regression.candidates import CandidateRegressor, Group
 from impedance_modules.diagnosis.regression.nuisance_columns import NuisanceColumns
 from impedance_modules.diagnosis.regression.sensor_noise import (
+    SENSOR_MIN,
     Rounding,
     acceleration_noise,
     made_by_positions,
@@ -144,7 +145,8 @@ def noise_by_smoothness(
         flexible: Generic basis and single-joint candidates.
         recordings: Those that are fitted.
     """
-    made = [made_by_positions(prepared[r], r) for r in recordings]
+    everywhere = [made_by_positions(item, r) for r, item in enumerate(prepared)]
+    made = [everywhere[r] for r in recordings]
     rate = prepared[0].band.rate / prepared[0].band.step
     fits = []
     for index, group in enumerate(nuisance.groups):
@@ -156,7 +158,8 @@ def noise_by_smoothness(
         pieces, used = one.robust if disturbed else one.ordinary
         noise.append(_not_below(pieces, used, [rounding.of(group) for rounding in made]))
         lost.append(used)
-    share = np.ones((len(left), len(nuisance.groups)))
+    own = _position_powers(everywhere, nuisance.groups)
+    share = _noise_shares(noise, np.array(lost), own, recordings)
     return whitening_of(
         noise, share, edge=_edge(prepared), lost=np.array(lost), assumed=np.ones(len(lost)), weak=True
     )
@@ -237,6 +240,35 @@ def _not_below(pieces: Sequence[Array], used: float, made: Sequence[Array]) -> l
     own = max(sum(float(piece @ piece) for piece in made), LEAST)
     share = np.sqrt(max(0.0, 1.0 - seen / own) / grow)
     return [piece + share * more for piece, more in zip(pieces, made, strict=True)]
+
+
+def _position_powers(made: Sequence[Rounding], groups: Sequence[Group]) -> Array:
+    """Mean squares of what the positions' noise makes of each recording's residuals, (recordings, groups)."""
+    return np.array([[float(np.mean(one.of(group) ** 2)) for group in groups] for one in made])
+
+
+def _noise_shares(
+    noise: Sequence[Sequence[Array]], lost: Array, own: Array, recordings: Sequence[int]
+) -> Array:
+    r"""Says how much stronger the noise is in each recording than on the mean of the fitted ones, (recordings, groups).
+
+    M(q) of an outstretched arm makes more torque of the same noise of positions. The rest of the noise is alike:
+
+        k_r^2 = (s + p_r) / (s + \bar{p}),      p the positions' part, s the rest
+
+    Args:
+        noise: Group -> pieces of noise, one for each fitted recording.
+        lost: (groups,) samples that were fitted away.
+        own: (recordings, groups) power of the positions' part.
+        recordings: Those that are fitted.
+    """
+    lengths = np.array([len(piece) for piece in noise[0]], dtype=float)
+    mean = np.average(own[list(recordings)], axis=0, weights=lengths)
+    count = lengths.sum()
+    seen = np.array([sum(float(piece @ piece) for piece in pieces) / count for pieces in noise])
+    seen = seen * count / np.maximum(count - lost, LEFT_MIN * count)
+    rest = np.maximum(seen - mean, SENSOR_MIN * seen) + LEAST
+    return np.asarray(np.sqrt((rest + own) / (rest + mean)))
 
 
 def _left_by(  # noqa: PLR0917 - all of them belong together

@@ -61,6 +61,7 @@ class Rounding:
         snap: (M, n) second derivative of the acceleration in the band [rad/s^4].
         torque: (M, n) what the links would need for that acceleration [N.m].
         rotor: (M, n) what the rotors would [N.m].
+        curvature: (M, n) second derivative of ``torque`` [N.m/s^2].
     """
 
     acceleration: Array
@@ -68,6 +69,7 @@ class Rounding:
     snap: Array
     torque: Array
     rotor: Array
+    curvature: Array
 
     @property
     def power(self) -> Array:
@@ -215,10 +217,11 @@ def _torques(item: Prepared, speed: Array, acceleration: Array, snap: Array) -> 
     """What links and rotors would need; M(q) changes little while noise does."""
     mass, signals = mass_matrix(item.tree, item.position), item.signals
     torque = np.einsum("mij,mj->mi", mass, acceleration)
+    curvature = np.einsum("mij,mj->mi", mass, snap)
     turning = acceleration
     if not signals.measures_springs:
-        turning = turning + signals.spring_compliance * np.einsum("mij,mj->mi", mass, snap)
-    return Rounding(acceleration, speed, snap, torque, signals.reflected_inertia * turning)
+        turning = turning + signals.spring_compliance * curvature
+    return Rounding(acceleration, speed, snap, torque, signals.reflected_inertia * turning, curvature)
 
 
 def _sensor_noise_ratio(prepared: Sequence[Prepared], pairs: Sequence[tuple[int, int]]) -> Array:
