@@ -67,11 +67,32 @@ def generate(
 @click.option("--timeout", type=float, default=240.0, show_default=True, help="Processor time per case [s].")
 @click.option("--jobs", type=click.IntRange(1), default=1, show_default=True)
 @click.option("--tolerance", type=float, help="Of `impedance diagnose`; its default when left out.")
+@click.option(
+    "--change", "changes", multiple=True, metavar="NAME=VALUE", help="Another value for a hand-set number."
+)
 def run(out: Path, answers: Path | None, **selection: Any) -> None:
     """Diagnoses the cases that have no answer yet."""
     from benchmarks.wide.run import ANSWERS, Selection, run_all
 
-    run_all(out, answers or out / ANSWERS, Selection(**selection), lambda text: click.echo(text, err=True))
+    if selection["changes"] and answers is None:
+        raise click.UsageError(
+            "--change needs --answers FOLDER of its own, so that no kept answer is taken for one"
+        )
+    try:
+        run_all(
+            out, answers or out / ANSWERS, Selection(**selection), lambda text: click.echo(text, err=True)
+        )
+    except ValueError as error:
+        raise click.UsageError(str(error)) from error
+
+
+@main.command()
+def thresholds() -> None:
+    """Lists the hand-set numbers of the diagnosis: file:line, name, value, what it decides."""
+    from benchmarks.wide.thresholds import thresholds as every
+
+    for item in every():
+        click.echo(str(item))
 
 
 @main.command()

@@ -13,13 +13,17 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.blind.run import ask_waiting, measured
+from benchmarks.wide.thresholds import changes_of
 
 ANSWERS, CASES, SEALED = "answers", "cases", "sealed"
 
 
 @dataclass(frozen=True)
 class Selection:
-    """Which cases are asked about: blocks and names (all where empty), ``again``, processor time [s], and how."""
+    """Which cases are asked about: blocks and names (all where empty), ``again``, processor time [s], and how.
+
+    ``changes`` are NAME=VALUE of hand-set numbers of the diagnosis (`benchmarks.wide.thresholds`).
+    """
 
     blocks: tuple[str, ...] = ()
     cases: tuple[str, ...] = ()
@@ -27,10 +31,12 @@ class Selection:
     timeout: float = 240.0
     jobs: int = 1
     tolerance: float | None = None
+    changes: tuple[str, ...] = ()
 
 
 def run_all(out: Path, answers: Path, selection: Selection, tell: Callable[[str], None]) -> None:
     """Asks about all chosen cases that have no answer yet; stopped and started again it goes on."""
+    changes_of(selection.changes)  # a name that is wrong is refused before the first case
     answers.mkdir(parents=True, exist_ok=True)
     names = [
         name for name in names_of(out, selection.blocks) if not selection.cases or name in selection.cases
@@ -64,7 +70,9 @@ def run_case(case: Path, selection: Selection, answer: Path) -> dict[str, Any]:
             shutil.copy(case / name, room)
         shutil.copytree(case / "robot", Path(room) / shown["robot"])
         asked = words(shown, selection, answer.resolve())
-        return measured([sys.executable, "-m", "impedance_modules", *asked], Path(room), selection.timeout)
+        changed = ["benchmarks.wide.thresholds", *selection.changes, "--"] if selection.changes else None
+        program = changed or ["impedance_modules"]
+        return measured([sys.executable, "-m", *program, *asked], Path(room), selection.timeout)
 
 
 def words(shown: dict[str, Any], selection: Selection, answer: Path) -> list[str]:

@@ -132,7 +132,7 @@ def test_without_a_measured_torque_all_recordings_are_alike() -> None:
 
 @pytest.mark.parametrize("sensor", [0.0, 0.3, 2.0])
 def test_without_repeats_a_recording_with_more_inertia_has_more_noise(sensor: float) -> None:
-    """Noise of the positions times an inertia of 1, 2 and 3 in three recordings, beside a sensor's; the third is held out."""
+    """Noise of positions times an inertia of 1, 2 and 3, beside that of a sensor; the third is held out."""
     random, inertia = np.random.default_rng(8), np.array([1.0, 2.0, 3.0])
     pieces = [m * random.standard_normal(4000) + sensor * random.standard_normal(4000) for m in inertia]
     share = _noise_shares([pieces[:2]], np.zeros(1), (inertia**2)[:, None], (0, 1))
