@@ -30,7 +30,7 @@ from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.admission import admit
 from impedance_modules.diagnosis.data.nominal_model import model_of_spec
 from impedance_modules.diagnosis.data.rigid_dynamics import BatchedRigidModel
-from impedance_modules.diagnosis.residuals.band import choose_cutoff
+from impedance_modules.diagnosis.residuals.band import choose_band
 from impedance_modules.diagnosis.residuals.preparation import Prepared, prepare
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.effect import Site
@@ -132,7 +132,7 @@ def _prepared(run: TaskRun, joint: str) -> Prepared:
         logs[0],
         model,
         BatchedRigidModel.of_tree(robot.urdf, model.tree),
-        choose_cutoff(logs),
+        choose_band(logs),
         fixture_of(run),
     )
 

@@ -82,7 +82,7 @@ def torque_steps_of(recordings: Sequence[Mapping[str, Array]], joints: Sequence[
         joints: Whose steps are looked for.
     """
     steps = steps_of(recordings, joints)
-    for i in np.flatnonzero(steps == 0.0):
+    for i in np.flatnonzero(steps == 0.0).tolist():
         found = [
             _step_of_few_levels(recording[joints[i]]) for recording in recordings if joints[i] in recording
         ]
