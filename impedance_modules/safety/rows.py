@@ -299,12 +299,14 @@ def _write_distance_row(problem: FilterProblem, limits: FilterLimits, state: Fil
     for i in range(n):
         for j in range(n):
             problem.matrix[row, j] += state.gradient[pair, i] * state.inverse_inertia[i, j]
-    rate, mobility, free = 0.0, 0.0, 0.0
+    rate, mobility, free, push = 0.0, 0.0, 0.0, 0.0
     for j in range(n):
         mobility += problem.matrix[row, j] * state.gradient[pair, j]
         free += problem.matrix[row, j] * state.bias[j]
         rate += state.gradient[pair, j] * state.v[j]
-    problem.lower[row] = separation_acceleration(limits, state.distance[pair], rate, state.drift[pair]) + free
+        push += state.gradient[pair, j] * state.push[j]
+    least = separation_acceleration(limits, state.distance[pair], rate, state.drift[pair])
+    problem.lower[row] = least_with_push(least, push) + free
     problem.penalty[row] = problem.kappa[row] / mobility
 
 
@@ -333,3 +335,27 @@ def separation_acceleration(limits: FilterLimits, distance: float, rate: float, 
     """
     allowed = min((limits.margin - distance) / limits.approach_time, limits.separation_speed)
     return min((allowed - rate) / limits.pair_horizon - drift, limits.separation_acceleration)
+
+
+@compiled
+def least_with_push(least: float, push: float) -> float:
+    r"""Smallest acceleration that joints must give a distance while something pushes the two links apart.
+
+    Hands that squeeze a box close no faster for it: the box pushes back, and its push is measured. It may let go at
+    once, slip or break, so it is counted on up to as much again as is allowed without it, and only while closing is
+    allowed at all:
+
+        a >= l - min(max(p, 0), max(-l, 0)),      l the bound without it
+
+    At worst, p counted in full and not there, r'' + 2 r' / h + 2 r / (h T) = 0: with T >= 4 h this does not swing
+    either, and the pair still never enters the margin. In samples this asks for h of two periods; ``limits_of`` looks
+    five ahead.
+
+    Args:
+        least: l [m/s^2].
+        push: p, what forces that are not the robot's own add to the distance's acceleration [m/s^2].
+
+    Returns:
+        Lower bound of what the joints' accelerations add to the distance's [m/s^2].
+    """
+    return least - min(max(push, 0.0), max(-least, 0.0))

@@ -106,6 +106,8 @@ def test_rows_bound_the_motion_that_the_torque_causes(spread: float) -> None:
         needed = np.minimum(
             (allowed - rate) / limits.pair_horizon - state.drift, limits.separation_acceleration
         )
+        apart = state.gradient @ state.push
+        needed = np.where((apart > 0.0) & (needed < 0.0), np.maximum(needed - apart, 2.0 * needed), needed)
         below, above = slack(problem, WHERE.distance, tau)
         assert below == pytest.approx(state.gradient @ vdot - needed)
         assert np.all(above == np.inf)

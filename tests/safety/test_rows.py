@@ -8,6 +8,7 @@ from impedance_modules.safety.filter_problem import FilterLayout, make_problem
 from impedance_modules.safety.limits import FilterLimits
 from impedance_modules.safety.rows import (
     braking_acceleration,
+    least_with_push,
     motor_interval,
     narrow,
     position_interval,
@@ -210,9 +211,14 @@ def separations(limits: FilterLimits, distance: Array, rate: Array) -> Array:
     return np.array([separation_acceleration(limits, *pair, 0.0) for pair in pairs])
 
 
+@pytest.mark.parametrize("claimed", [0.0, 1e9])
 @pytest.mark.parametrize("seed", range(3))
-def test_pair_never_enters_its_margin_and_leaves_it_from_inside(seed: int) -> None:
+def test_pair_never_enters_its_margin_and_leaves_it_from_inside(seed: int, claimed: float) -> None:
+    """Also where a push is counted on that is not there; the horizon is then two periods or more."""
     limits, rng = random_limits(seed), np.random.default_rng(seed)
+    if claimed > 0.0:
+        limits.pair_horizon = max(limits.pair_horizon, 2.0 * limits.period)
+        limits.approach_time = max(limits.approach_time, 4.0 * limits.pair_horizon)
     approach, margin, back, inside = limits.approach_time, limits.margin, limits.separation_speed, CASES // 2
     distance = margin + 10.0 ** rng.uniform(-4, -0.5, CASES)
     rate = -(distance - margin) / approach * rng.uniform(-1, 1, CASES)
@@ -221,7 +227,8 @@ def test_pair_never_enters_its_margin_and_leaves_it_from_inside(seed: int) -> No
     start = distance.copy()
     steps = int((5 * approach + 0.6) / limits.period)
     for _ in range(steps):
-        low = separations(limits, distance, rate)
+        least = separations(limits, distance, rate).tolist()
+        low = np.array([least_with_push(bound, claimed) for bound in least])
         push = rng.normal(size=CASES) * 10.0 - 5.0
         push[:inside] = -1e9
         distance, rate, peak = step(distance, rate, np.maximum(push, low), limits.period)
@@ -318,3 +325,15 @@ def test_drift_of_a_distance_is_made_up_for() -> None:
     assert separation_acceleration(limits, 0.1, 0.0, -2.0) == pytest.approx(min(5.0, still + 2.0))
     assert separation_acceleration(limits, 0.1, 0.0, 2.0) == pytest.approx(still - 2.0)
     assert separation_acceleration(limits, 0.0, 0.0, -1e3) == 5.0
+
+
+def test_what_pushes_a_pair_apart_is_counted_on_up_to_as_much_again() -> None:
+    for least, push, found in (
+        (-4.0, 0.0, -4.0),
+        (-4.0, 3.0, -7.0),
+        (-4.0, 50.0, -8.0),
+        (-4.0, -3.0, -4.0),
+        (0.0, 5.0, 0.0),
+        (2.0, 5.0, 2.0),
+    ):
+        assert least_with_push(least, push) == pytest.approx(found)
