@@ -148,7 +148,7 @@ def main() -> None:
     limbs = LIMBS[: asked.arms]
     counts = [len(limbs)] if asked.clocks == "one" else [1] * len(limbs)
     with ExitStack() as ending:
-        simulators = [ending.enter_context(simulated_arms(count, "--quick")) for count in counts]
+        simulators = [ending.enter_context(simulated_arms(count, "--slower=1")) for count in counts]
         addresses = tuple(address for simulator in simulators for address in simulator.addresses)
         watch = "{least_rate: 50, least_success: 0, silent: 0.2, patience: 0.05}"
         named = ", ".join(f"{limb}: {host}" for limb, host in zip(limbs, addresses, strict=True))

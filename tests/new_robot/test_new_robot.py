@@ -151,6 +151,19 @@ def test_shipped_robots_have_the_hands_where_their_postures_say(name: str) -> No
             np.testing.assert_allclose(hand.rotation[:, 2], pointing, atol=2e-3)
 
 
+def test_grippers_that_point_at_each_other_stay_clear_of_a_table() -> None:
+    """With the wide side upright they would reach 3 cm into a table at the height of the bases."""
+    robot = RobotModel(read_robot(CHECKOUT / "robots" / "fr3-pair"))
+    for limb in ("right", "left"):
+        q = robot.position({limb: robot.spec.postures["palms-inward"][limb]})
+        geometry = robot.geometry({f"{limb}_fr3_hand"})
+        placed = pin.GeometryData(geometry)
+        pin.updateGeometryPlacements(robot.pin_model, robot.pin_model.createData(), geometry, placed, q)
+        for shape, X in zip(geometry.geometryObjects, placed.oMg, strict=True):
+            half, radius = shape.geometry.halfLength, shape.geometry.radius
+            assert X.translation[2] - abs(X.rotation[2, 2]) * half - radius > 0.04
+
+
 STOCK: Sequence[tuple[str, str, tuple[str, ...], int]] = (
     ("panda", "panda_description/urdf/panda.urdf", ("--shapes=capsules",), 7),
     ("ur5", "ur_description/urdf/ur5_robot.urdf", ("--hand=tool0",), 6),

@@ -9,6 +9,7 @@ fingers), ``unhomed``, ``hand_mute`` (it answers no order), ``hand_unplug`` (its
 
 from __future__ import annotations
 
+import argparse
 import os
 import subprocess
 import sys
@@ -94,23 +95,47 @@ def main(arguments: list[str]) -> None:
     from franky_sim import simulation_server
     from franky_sim.mujoco_simulator import MujocoSimulator
 
-    falling = "--falling" in arguments
+    from tests.support.franka_scene import TaskScene
+
+    asked = read_arguments(arguments)
     server_class = faulty_server()
     simulation_server.FrankaRobotServer = server_class
     make_hands_faulty()
-    addresses = [text for text in arguments if not text.startswith("--")]
+    scene = TaskScene(asked.task) if asked.task else None
     with MujocoSimulator() as simulator:
-        for k in range(len(addresses)):
-            y = SPACING * (k - 0.5 * (len(addresses) - 1))
-            robot = simulator.add_robot(initial_q=POSTURE, position=(0.0, y, 0.0))
-            if falling:
+        for k in range(len(asked.addresses)):
+            y = SPACING * (k - 0.5 * (len(asked.addresses) - 1))
+            if scene is None:
+                robot = simulator.add_robot(initial_q=POSTURE, position=(0.0, y, 0.0))
+            else:
+                place, posture = scene.bases[k], scene.posture[k]
+                robot = simulator.add_robot(initial_q=posture, initial_hand_width=0.0, position=place)
+            if asked.falling:
                 without_gravity_compensation(robot)
-        with simulation_server.SimulationServer(simulator, addresses) as server:
-            if "--old" in arguments:
+        if scene is not None:
+            scene.add_to(simulator)
+        with simulation_server.SimulationServer(simulator, asked.addresses) as server:
+            if asked.old:
                 server_class.refuse_version()
+            if scene is not None:
+                scene.soften_tables(simulator)
+                simulator.register_post_step_callback(lambda _: scene.step(simulator, server.robot_servers))
             print("ready", flush=True)
             threading.Thread(target=obey, args=(server.robot_servers,), daemon=True).start()
-            server.run_forever(realtime=1.0 if "--quick" in arguments else 2.5)
+            server.run_forever(realtime=asked.slower)
+
+
+def read_arguments(arguments: list[str]) -> argparse.Namespace:
+    """Reads the command line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("addresses", nargs="+")
+    parser.add_argument(
+        "--falling", action="store_true", help="in torque mode the arms are left to their weight"
+    )
+    parser.add_argument("--old", action="store_true", help="refuse the version of the maker's software")
+    parser.add_argument("--slower", type=float, default=2.5, help="than real time, by this factor")
+    parser.add_argument("--task", help="where the arms stand and what is around them: as this task says")
+    return parser.parse_args(arguments)
 
 
 def obey(servers: list[Any]) -> None:
