@@ -164,4 +164,5 @@ def _single_arm_phase(task: TaskSpec, phase: PhaseSpec, arm: str) -> PhaseSpec:
         listen=tuple(target for target in phase.listen if target.startswith(own)),
         submovements={k: v for k, v in phase.submovements.items() if k.startswith(own)},
         grippers={k: v for k, v in phase.grippers.items() if k == arm},
+        paths={k: v for k, v in phase.paths.items() if k.startswith(own)},
     )

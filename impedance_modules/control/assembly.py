@@ -12,6 +12,7 @@ import numpy as np
 
 from impedance_modules.arrays import Array
 from impedance_modules.control.adjust import as_taught, scaled, single_arm
+from impedance_modules.control.recorded_paths import Kept, with_recorded_paths
 from impedance_modules.effects.apply import apply_patch, apply_to_surfaces
 from impedance_modules.effects.compensate import PatchCompensation, compensate_patch
 from impedance_modules.errors import BadInput
@@ -90,6 +91,7 @@ def assemble(
     compensate: Path | None = None,
     calibrate: Callable[[RobotSpec], RobotSpec] | None = None,
     robot_name: str | None = None,
+    paths: Kept | None = None,
 ) -> Assembly:
     """Reads and checks a task and everything it names.
 
@@ -102,6 +104,7 @@ def assemble(
         compensate: Patch file whose effects the controller compensates, or None.
         calibrate: Replaces the robot by one particular one, e.g. with its own mounts; None leaves the folder's.
         robot_name: Name or folder of the robot that the task runs on; None for the one that it names.
+        paths: Paths of targets that a recording of the task carries; None reads them from the files that it names.
 
     Raises:
         BadInput, BadFile: Every problem of the input; nothing has moved.
@@ -120,6 +123,7 @@ def assemble(
         task = single_arm(task, arm)
     used_rate = _checked_rate(robot, rate)
     model = RobotModel(robot)
+    task = with_recorded_paths(task, model, paths)
     modules = build_modules(task, model)
     inertia = largest_inertia(model, modules.posture)
     return Assembly(

@@ -112,6 +112,7 @@ _KNOWN: Mapping[str, tuple[Test, str]] = {
         _object_of(_list_of(_list_of(is_number, 3), 2)),
         "joint -> [[x, y, z], [roll, pitch, yaw]]",
     ),
+    "paths": (_list_of(lambda value: isinstance(value, dict)), "a list of objects"),
     "imported": (lambda value: isinstance(value, dict), "an object"),
 }
 """Key -> what its value must pass, and what to say of one that does not."""

@@ -25,10 +25,12 @@ from impedance_modules.modules.pose_motion import (
     PoseMotion,
     PoseMotions,
     lay_out_motions,
+    motion_along,
     pose_motion,
     resting,
     write_pose,
 )
+from impedance_modules.modules.recorded_path import path_motion
 from impedance_modules.modules.spring import Spring
 from impedance_modules.records import Array3, Indices, Matrix, Record, Vector
 from impedance_modules.robot.pose import Pose
@@ -245,6 +247,9 @@ def phase_motion(modules: TaskModules, phase: PhaseSpec, start: Equilibrium) -> 
             moved[HINGE] = _hinge_motion(modules.held, start, coordinates[ANGLE], phase.duration)
             continue
         reference, current = _coordinates_of(target, springs, start)
+        if target in phase.paths:
+            moved[target] = motion_along(path_motion(phase.paths[target]), reference, current)
+            continue
         added = phase.submovements.get(target, ())
         moved[target] = pose_motion(reference, current, coordinates, phase.duration, added)
     # What set-points move rests in the phase's own motion.

@@ -9,7 +9,8 @@ minimum jerk s(\sigma), from 0 to 1 over the phase,
     R(\sigma) = R_0 exp(s log(R_0^T R_1))                             the shortest relative rotation, or
     R(\sigma) = exp(c_0 + s (c_1 - c_0) + a sin(2 \pi f \sigma))     where a rotation coordinate oscillates.
 
-Submovements add to both (``modules.submovements``).
+Submovements add to both (``modules.submovements``). A motion along the path of a recording is that of
+``modules.recorded_path`` instead; this is then the way onto the path's beginning.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ import numpy as np
 from impedance_modules.arrays import Array
 from impedance_modules.compiled import compiled
 from impedance_modules.modules.minimum_jerk import minimum_jerk, minimum_jerk_slope
+from impedance_modules.modules.recorded_path import PathMotion, PathTable, lay_out_paths, write_path
 from impedance_modules.modules.submovements import (
     SubmovementTable,
     added_twist,
@@ -49,6 +51,7 @@ class PoseMotions(Record):
         first_vector, last_vector: (motions, 3) rotation vectors at the ends [rad].
         along_vector: (motions,) 1 where a rotation coordinate oscillates, 0 elsewhere.
         submovements: Those of each motion.
+        paths: Likewise.
     """
 
     reference_rotation: Array3
@@ -63,6 +66,7 @@ class PoseMotions(Record):
     last_vector: Matrix
     along_vector: Indices
     submovements: SubmovementTable
+    paths: PathTable
 
 
 @compiled
@@ -70,6 +74,11 @@ def write_pose(
     motions: PoseMotions, m: int, s: float, clock: float, rotation: Array, translation: Array
 ) -> None:
     """Writes X_WT of motion ``m`` at minimum jerk ``s`` and ``clock`` [s] (the module's equations)."""
+    if motions.paths.first[m + 1] > motions.paths.first[m]:
+        if clock > motions.paths.approach[m]:
+            write_path(motions.paths, m, clock, rotation, translation)
+            return
+        s = minimum_jerk(clock / motions.paths.approach[m])
     wave, added = np.empty(6), np.empty(6)
     write_displacement(motions.submovements, m, clock, added)
     for k in range(6):
@@ -113,6 +122,7 @@ class PoseMotion:
         amplitude, frequency: (6,) of each coordinate's sine [m or rad], [Hz]; 0 for none.
         duration: Of the minimum jerk [s].
         submovements: That are added; none of them turns where a rotation coordinate oscillates.
+        path: That is taken after the minimum jerk, which leads to its beginning; None for none.
     """
 
     reference: Pose
@@ -122,6 +132,7 @@ class PoseMotion:
     frequency: Array
     duration: float
     submovements: tuple[Submovement, ...] = ()
+    path: PathMotion | None = None
 
     def pose(self, clock: float) -> Pose:
         """Gives X_WT at ``clock`` seconds into the phase; the law is ``write_pose``."""
@@ -132,6 +143,8 @@ class PoseMotion:
 
     def velocity(self, clock: float) -> Array:
         """Gives the twist of T per second of the phase's clock, (6,) in world axes at T's origin."""
+        if self.path is not None and clock > self.path.approach:
+            return self.path.velocity(clock)
         s, slope = minimum_jerk(clock / self.duration), minimum_jerk_slope(clock / self.duration)
         rate = 2.0 * math.pi * self.frequency
         wave, swing = self.amplitude * np.sin(rate * clock), self.amplitude * rate * np.cos(rate * clock)
@@ -201,6 +214,19 @@ def pose_motion(
     return PoseMotion(reference, start, goal, amplitude, frequency, duration, submovements)
 
 
+def motion_along(path: PathMotion, reference: Pose, current: Pose) -> PoseMotion:
+    """Plans a motion from where an equilibrium is onto a path, and along it.
+
+    Args:
+        path: To take.
+        reference: X_WE.
+        current: X_WT now.
+    """
+    start, begin = reference.inverse() @ current, reference.inverse() @ path.pose(0.0)
+    goal = np.concatenate([begin.translation, log3(begin.rotation)])
+    return PoseMotion(reference, start, goal, np.zeros(6), np.zeros(6), path.approach, path=path)
+
+
 def resting(pose: Pose) -> PoseMotion:
     """Keeps an equilibrium where it is."""
     return PoseMotion(pose, Pose.identity(), np.zeros(6), np.zeros(6), np.zeros(6), 1.0)
@@ -227,4 +253,5 @@ def lay_out_motions(motions: Sequence[PoseMotion]) -> PoseMotions:
         last_vector=rows([last for _, last in ends], 3),
         along_vector=np.array([motion.turns_along_vector for motion in motions], dtype=np.int64),
         submovements=lay_out_submovements([motion.submovements for motion in motions]),
+        paths=lay_out_paths([motion.path for motion in motions]),
     )

@@ -21,6 +21,7 @@ from impedance_modules.prediction.energy_need import TankForecast, forecast_tank
 from impedance_modules.prediction.inner_loop_limit import beyond_passive_gain
 from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.prediction.passages import passage_problems
+from impedance_modules.prediction.path_following import path_problems_of
 from impedance_modules.prediction.phase_loops import PhaseLoops, judge_loops, unstable_loops
 from impedance_modules.prediction.quasi_static import MotionPrediction, predict_motion
 from impedance_modules.prediction.reach import (
@@ -63,8 +64,9 @@ def refuse_infeasible(assembly: Assembly) -> TaskPrediction:
 
     A torque loop of the robot's own that is not passive; a sine or a submovement that the control rate cannot follow;
     hands or an object so deep inside a surface at the start that it pushes harder than the joints can; a target out of
-    reach; a torque beyond a joint's limit, in motion or at rest; a tank that holds less than the task needs; a loop
-    that is unstable at this rate and delay, at a phase's rest or for too long on the way, unless it is allowed.
+    reach; a path that begins elsewhere or is too fast for a joint; a torque beyond a joint's limit, in motion or at
+    rest; a tank that holds less than the task needs; a loop that is unstable at this rate and delay, at a phase's rest
+    or for too long on the way, unless it is allowed.
 
     Returns:
         What was predicted.
@@ -83,6 +85,7 @@ def refuse_infeasible(assembly: Assembly) -> TaskPrediction:
     loops = judge_loops(assembly, mechanism, motion, rests)
     prediction = TaskPrediction(motion, rests, tank, loops, compensation, missed)
     problems = [
+        *path_problems_of(assembly, motion),
         *_efforts_beyond_limits(assembly, prediction),
         *_need_beyond_tank(assembly, prediction.tank),
         *([] if assembly.allow_unstable else _unstable(assembly, mechanism, prediction)),

@@ -402,7 +402,11 @@ def plan_steps(phase: PhaseSpec, motion: PhaseMotion, *, whole: bool) -> StepPla
     if moving:
         shortest = min(part.duration for part in moving)
         step = min(step, max(shortest / STEPS_PER_SUBMOVEMENT, FINEST_STEP))
-    repeats_after = max((part.end for part in moving), default=0.0) + max(SETTLING, 2.0 * period) + period
+    paths = [moved.path for moved in motion.moved.values() if moved.path is not None and moved.path.moves]
+    if paths:
+        step = min(step, SHORTEST_STEP)
+    over = max([0.0, *(part.end for part in moving), *(path.end for path in paths)])
+    repeats_after = over + max(SETTLING, 2.0 * period) + period
     if whole or phase.until is not None or _travels(motion) or phase.duration <= repeats_after:
         return StepPlan(step, phase.duration, 0.0, period)
     return StepPlan(step, repeats_after, phase.duration - repeats_after, period)

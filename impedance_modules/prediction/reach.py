@@ -38,6 +38,9 @@ WORTH_A_NOTE, TURNED = 1e-3, 0.1
 OSCILLATION_SAMPLES = 8
 """Instants at which an oscillating target is looked at."""
 
+PATH_SAMPLES = 24
+"""Instants at which a target is looked at that takes the path of a recording."""
+
 STIFF = 1e-6
 """Part of a spring's largest translational stiffness below which a direction counts as free."""
 
@@ -167,6 +170,8 @@ class _Reach:
             distance, angle, nearest = self._nearest(spring, Pose(goal.rotation, place), turns, q)
             if worst is None or (distance, angle) > worst[:2]:
                 worst = distance, angle, nearest, allowed
+            if phase.paths and distance > allowed:
+                break  # one place of a path out of reach is enough, and each takes seconds to be sure of
         if worst is None or (worst[0] <= WORTH_A_NOTE and worst[1] <= TURNED):
             return None
         return worst
@@ -219,10 +224,11 @@ def _free_directions(spring: Spring) -> tuple[Array | None, bool]:
 def _instants(phase: PhaseSpec) -> Array:
     """Lists the clocks at which a phase's targets are looked at [s].
 
-    Its end; several where one oscillates, and where each submovement ends.
+    Its end; several where one oscillates or takes the path of a recording, and where each submovement ends.
     """
     waves = any(isinstance(c, Sine) for target in phase.equilibrium.values() for c in target.values())
-    if waves:
-        return np.linspace(0.0, phase.duration, OSCILLATION_SAMPLES + 1)[1:]
+    if waves or phase.paths:
+        samples = PATH_SAMPLES if phase.paths else OSCILLATION_SAMPLES
+        return np.linspace(0.0, phase.duration, samples + 1)[1:]
     ends = {movement.end for movements in phase.submovements.values() for movement in movements}
     return np.array(sorted({*(end for end in ends if end < phase.duration), phase.duration}))

@@ -16,6 +16,7 @@ from impedance_modules.control.cycle import Cycle
 from impedance_modules.control.equilibrium_following import Following
 from impedance_modules.control.gripper_watch import gripper_columns
 from impedance_modules.control.hinge_reading import hinge_reading, read_hinge
+from impedance_modules.control.recorded_paths import paths_as_metadata
 from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.episode.columns import (
     HINGE_COLUMNS,
@@ -335,6 +336,7 @@ def run_metadata(
         backend=backend,
         effects=None if patch is None else patch.text,
         **({} if compensation is None else {"compensate": compensation.patch.text}),
+        **paths_as_metadata(assembly.task),
         **({"own_modules": [module.name for module in assembly.own]} if assembly.own else {}),
         joint_origins={
             name: [list(origin.translation), list(origin.roll_pitch_yaw)]

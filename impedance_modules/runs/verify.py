@@ -16,6 +16,7 @@ from impedance_modules.arrays import Array
 from impedance_modules.backends.replay_backend import LONGEST_GAP, ReplayBackend
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.control.gripper_watch import grippers_of
+from impedance_modules.control.recorded_paths import paths_of_metadata
 from impedance_modules.control.supervisor import Supervisor
 from impedance_modules.episode.data import Episode
 from impedance_modules.episode.metadata import library_versions
@@ -81,6 +82,7 @@ def reassemble(episode: Episode) -> Assembly:
             scale=float(metadata["scale"]),
             arm=metadata.get("arm"),
             calibrate=lambda robot: replace(robot, joint_origins=_origins(metadata)),
+            paths=paths_of_metadata(metadata, str(episode.source)),
         )
 
 

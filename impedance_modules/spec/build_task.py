@@ -13,6 +13,7 @@ import numpy as np
 
 from impedance_modules.spec.gripper_spec import GripperCondition, build_gripper_order
 from impedance_modules.spec.hinge_spec import ANGLE, build_hinge
+from impedance_modules.spec.path_spec import PATH, build_path
 from impedance_modules.spec.submovement_spec import SUBMOVEMENTS, build_submovements
 from impedance_modules.spec.task import (
     AXES,
@@ -213,6 +214,11 @@ def build_phase(raw: Raw, listened: tuple[str, ...] = ()) -> PhaseSpec:
             if SUBMOVEMENTS in given
         },
         grippers={arm: build_gripper_order(given) for arm, given in raw.get("grippers", {}).items()},
+        paths={
+            target: build_path(given[PATH])
+            for target, given in raw.get("equilibrium", {}).items()
+            if PATH in given
+        },
     )
 
 

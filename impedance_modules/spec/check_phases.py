@@ -12,6 +12,7 @@ from impedance_modules.spec.check_arms import joint_name_problems, limit_problem
 from impedance_modules.spec.check_between import between_names
 from impedance_modules.spec.check_grippers import gripper_problems
 from impedance_modules.spec.check_hinge import hinge_target_problems
+from impedance_modules.spec.check_paths import path_problems
 from impedance_modules.spec.check_set_points import set_point_problems
 from impedance_modules.spec.check_springs import (
     UndampedAxis,
@@ -22,6 +23,7 @@ from impedance_modules.spec.check_springs import (
 )
 from impedance_modules.spec.check_submovements import submovement_problems
 from impedance_modules.spec.hinge_spec import HINGE
+from impedance_modules.spec.path_spec import PATH
 from impedance_modules.spec.task import SpringSpec
 from impedance_modules.spec.task_draft import DraftArm, TaskDraft, spring_names
 from impedance_modules.spec.yaml_tree import KeyPath
@@ -38,6 +40,7 @@ def phase_problems(draft: TaskDraft, arms: Mapping[str, DraftArm]) -> Iterator[P
         yield from _equilibrium_problems(draft, (*at, "equilibrium"), (*springs, *between_names(draft)))
         for target in draft.keys(*at, "equilibrium"):
             yield from submovement_problems(draft, at, target)
+            yield from path_problems(draft, at, target)
         yield from _twice_moved_problems(draft, (*at, "equilibrium"), arms)
         yield from hinge_target_problems(draft, (*at, "equilibrium"), arms)
         yield from _posture_problems(draft, (*at, "posture"))
@@ -153,7 +156,9 @@ def _until_problems(draft: TaskDraft, at: KeyPath) -> Iterator[Problem]:
         yield draft.problem((*at, "until", "contact", "target"), missing, valid)
     yield from _smooth_problems(draft, (*at, "until", "smooth"))
     if draft.clean(*at, "until", "reached") and not _moves_somewhere(draft, (*at, "equilibrium")):
-        message = "nothing can be reached: the phase gives no equilibrium with a plain number or submovements"
+        message = (
+            "nothing can be reached: the phase gives no equilibrium with a plain number, submovements or path"
+        )
         yield draft.problem((*at, "until", "reached"), message, at="key")
 
 
@@ -175,8 +180,12 @@ def _smooth_problems(draft: TaskDraft, at: KeyPath) -> Iterator[Problem]:
 
 
 def _moves_somewhere(draft: TaskDraft, at: KeyPath) -> bool:
-    given = [draft.value(*at, target, axis) for target in draft.keys(*at) for axis in draft.keys(*at, target)]
-    return any(not isinstance(coordinate, dict) for coordinate in given)
+    given = [
+        (axis, draft.value(*at, target, axis))
+        for target in draft.keys(*at)
+        for axis in draft.keys(*at, target)
+    ]
+    return any(axis == PATH or not isinstance(coordinate, dict) for axis, coordinate in given)
 
 
 def _changed_spring_problems(draft: TaskDraft, arm: DraftArm) -> Iterator[Problem]:

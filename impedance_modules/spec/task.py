@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.spec.gripper_spec import GripperCondition, GripperOrder
 from impedance_modules.spec.hinge_spec import HingeSpec
+from impedance_modules.spec.path_spec import PathSpec
 from impedance_modules.spec.set_point_limits import SetPointLimits
 from impedance_modules.spec.submovement_spec import Submovement
 
@@ -385,6 +386,7 @@ class PhaseSpec:
         beyond_reach: Whether its targets may lie where no posture brings the frames: springs that only pull that way.
         submovements: Target -> minimum-jerk displacements that are added to its coordinates.
         grippers: Arm -> what is asked of its gripper when the phase begins.
+        paths: Target -> path of a recording that it takes instead.
     """
 
     name: str
@@ -400,6 +402,7 @@ class PhaseSpec:
     beyond_reach: bool = False
     submovements: Mapping[str, tuple[Submovement, ...]] = field(default_factory=dict)
     grippers: Mapping[str, GripperOrder] = field(default_factory=dict)
+    paths: Mapping[str, PathSpec] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

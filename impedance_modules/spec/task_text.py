@@ -13,6 +13,7 @@ import yaml
 from impedance_modules.errors import BadInput, ImpedanceError, nearest
 from impedance_modules.spec.document import Document, parse_document, print_path, scan_document
 from impedance_modules.spec.locate import data_folder, find_robot, find_task
+from impedance_modules.spec.path_spec import PATH, episode_path
 from impedance_modules.spec.surface_mesh import mesh_path
 from impedance_modules.spec.yaml_tree import KeyPath
 
@@ -84,7 +85,7 @@ def changed(document: Document, changes: Mapping[KeyPath, Any], heading: str = "
         for step in steps[:-1]:
             here = here[step]
         here[steps[-1]] = value
-    name_whole_mesh_paths(data, document.path)
+    name_whole_paths(data, document.path)
     robot = data.get("robot")
     if isinstance(robot, str):
         # The changed file may lie elsewhere, where only shipped robots go by their names.
@@ -94,23 +95,23 @@ def changed(document: Document, changes: Mapping[KeyPath, Any], heading: str = "
 
 
 def beside_another(text: str, original: Path) -> str:
-    """Writes a task's text such that it can be read in another folder: meshes are named by their whole paths.
+    """Writes a task's text such that it can be read in another folder: other files are named by their whole paths.
 
     Args:
-        text: As a recording keeps it; one that is no task, or names no mesh, is returned as it is.
+        text: As a recording keeps it; one that is no task, or names no file, is returned as it is.
         original: Where the task file was.
     """
     try:
         data: Any = deepcopy(parse_document(original, text).data)
     except ImpedanceError:
         return text
-    if not name_whole_mesh_paths(data, original):
+    if not name_whole_paths(data, original):
         return text
     return yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=110)
 
 
-def name_whole_mesh_paths(data: Any, task: Path) -> int:
-    """Replaces the meshes' names in a task's data by whole paths; returns how many there are."""
+def name_whole_paths(data: Any, task: Path) -> int:
+    """Replaces the names of meshes and recordings in a task's data by whole paths; returns how many there are."""
     found = [
         surface
         for holder, key in ((data, "environment"), (_mapping(data, "playback"), "taught_on"))
@@ -119,7 +120,16 @@ def name_whole_mesh_paths(data: Any, task: Path) -> int:
     ]
     for surface in found:
         surface["file"] = str(mesh_path(task, surface["file"]))
-    return len(found)
+    paths = [
+        path
+        for phase in _list(data, "phases")
+        for target in (_mapping(phase, "equilibrium") or {})
+        if isinstance(path := _mapping(phase["equilibrium"][target], PATH), dict)
+        and isinstance(path.get("episode"), str)
+    ]
+    for path in paths:
+        path["episode"] = str(episode_path(task, path["episode"]))
+    return len(found) + len(paths)
 
 
 def _mapping(data: Any, key: str) -> Any:

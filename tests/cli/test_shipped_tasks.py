@@ -9,6 +9,7 @@ import pytest
 
 from impedance_modules.control.assembly import assemble
 from impedance_modules.control.supervisor import Ending
+from impedance_modules.episode.reader import read_episode
 from impedance_modules.prediction.energy_need import forecast_tank
 from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.prediction.quasi_static import predict_motion
@@ -182,6 +183,18 @@ def test_reach_and_return_turns_when_it_has_arrived() -> None:
     assert name == "reach" and why.startswith("arrival") and seconds < 4.0
     at_arrival = run.seen(f"at {RIGHT}", "reach")[-1]
     assert np.linalg.norm(at_arrival - [0.8, -0.35, 0.2]) < 0.012
+
+
+def test_retrace_path_draws_what_was_recorded() -> None:
+    """Every recorded place is passed by the hand, in the order of the recording and at 0.8 times its speed."""
+    run = good_run("retrace-path", duration=14.2)
+    recorded = read_episode(TASKS / "figure-of-eight.parquet", kinds=("pose",))
+    at, time = run.seen(f"at {RIGHT}", "retrace"), run.seen("time", "retrace")
+    half = 0.25  # of the ramp, in which the path goes by as much as in half of the time at full speed
+    for t in np.arange(1.0, 7.5, 0.5):
+        place = recorded.pose[RIGHT][int(np.argmin(np.abs(recorded.time - t))), :3]
+        there = int(np.argmin(np.abs(time - time[0] - 1.5 - half - t / 0.8)))
+        assert np.linalg.norm(at[there] - place) < 0.008
 
 
 def test_a_starved_tank_slows_the_task(tmp_path: Path) -> None:

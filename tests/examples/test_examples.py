@@ -14,6 +14,7 @@ PRINTED = {
     "diagnose_a_csv": r"payload at [\s\S]*with it",
     "effect_of_ones_own": r"explained[\s\S]*cubic_friction at panda_joint1",
     "fr3_pair_carries_a_box": r"ended: done[\s\S]*rose by 9\d mm",
+    "keep_a_path": r"kept 4\d\d samples of right_hand",
     "module_of_ones_own": r"without the ball: 1\d mm[\s\S]*with the ball: [4-9]\d mm",
     "own_loop_on_mujoco": r"done",
     "policy_streams_set_points": r"3\d\d set-points accepted, 0 refused",

@@ -8,6 +8,8 @@ OBJECT = "impedance_modules/modules/held_object.py"
 SUM = "impedance_modules/modules/sum.py"
 POSE = "impedance_modules/modules/pose_motion.py"
 SUBMOVEMENTS = "impedance_modules/modules/submovements.py"
+PATHS = "impedance_modules/modules/recorded_path.py"
+READ_PATHS = "impedance_modules/control/recorded_paths.py"
 JERK = "impedance_modules/modules/minimum_jerk.py"
 EQUILIBRIUM = "impedance_modules/modules/equilibrium.py"
 MOTOR = "impedance_modules/modules/motor_velocity.py"
@@ -35,8 +37,11 @@ TESTS = {
         "tests/modules/test_equilibrium.py",
         "tests/modules/test_module_sum.py",
         "tests/modules/test_submovements.py",
+        "tests/control/test_recorded_paths.py",
     ),
     SUBMOVEMENTS: ("tests/modules/test_submovements.py",),
+    PATHS: ("tests/control/test_recorded_paths.py",),
+    READ_PATHS: ("tests/control/test_recorded_paths.py",),
     JERK: ("tests/modules/test_equilibrium.py",),
     EQUILIBRIUM: ("tests/modules/test_equilibrium.py", "tests/modules/test_module_sum.py"),
     MOTOR: ("tests/superposition/test_modes.py",),
@@ -100,6 +105,18 @@ MUTANTS = (
     (SUBMOVEMENTS, "exponential_jacobian(turn) @ rate[3:] + exp3(turn) @ angular", "rate[3:] + exp3(turn) @ angular"),
     (POSE, "+ wave[k] + added[k]", "+ wave[k]"),
     (POSE, "            compose(turn, product, rotation)\n", "            compose(product, turn, rotation)\n"),
+    (PATHS, "return x**4 * (2.5 - 3.0 * x + x**2)", "return x**4 * (2.5 - 3.0 * x + x)"),
+    (PATHS, "return speed * (since - 0.5 * ramp)", "return speed * since"),
+    (PATHS, "b = (3.0 * f * f * f - 6.0 * f * f + 4.0) / 6.0", "b = (3.0 * f * f * f + 6.0 * f * f + 4.0) / 6.0"),
+    (PATHS, "        found[k] /= length\n", "        found[k] *= length\n"),
+    (PATHS, "- np.cross(dq, q))", "+ np.cross(dq, q))"),
+    (PATHS, "1.5 * f**2 - 2.0 * f,", "1.5 * f**2 + 2.0 * f,"),
+    (PATHS, "slope = self._slope(u) * self.rate(clock)", "slope = self._slope(u)"),
+    (POSE, "        s = minimum_jerk(clock / motions.paths.approach[m])\n", "        pass\n"),
+    (READ_PATHS, "quaternions[1:] * quaternions[:-1], axis=1) < 0.0", "quaternions[1:] * quaternions[:-1], axis=1) < -2.0"),
+    (READ_PATHS, "if gap > 0.5 * spacing:", "if gap > 5.0 * spacing:"),
+    (READ_PATHS, "    if apart.max() > FARTHEST_OFF:", "    if apart.max() > 100.0 * FARTHEST_OFF:"),
+    (READ_PATHS, "if episode.robot != model.spec.name:", "if False:"),
     (JERK, "10.0 - 15.0 * x + 6.0 * x**2", "10.0 - 15.0 * x + 5.0 * x**2"),
     (POSE, "compose(motions.start_rotation[m], turn, product)", "compose(turn, motions.start_rotation[m], product)"),
     (POSE, "local[k] = start + s * (motions.goal[m, k] - start) + wave[k]", "local[k] = start + s * (motions.goal[m, k] - start)"),

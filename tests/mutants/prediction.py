@@ -11,6 +11,7 @@ MECHANISM = "impedance_modules/prediction/mechanism.py"
 PASSAGES = "impedance_modules/prediction/passages.py"
 PHASE_LOOPS = "impedance_modules/prediction/phase_loops.py"
 PHASE_END = "impedance_modules/prediction/phase_end.py"
+PATHS = "impedance_modules/prediction/path_following.py"
 STATICS = "impedance_modules/prediction/statics.py"
 
 STATICS_TESTS = "tests/prediction/test_statics.py"
@@ -25,10 +26,15 @@ TESTS = {
     PHASE_LOOPS: ("tests/prediction/test_phase_loops.py",),
     MECHANISM: (CHECK, ANALYSIS),
     PHASE_END: (CHECK,),
+    PATHS: ("tests/control/test_recorded_paths.py",),
     STATICS: (CHECK, ANALYSIS, STATICS_TESTS),
 }
 
 MUTANTS = (
+    (PATHS, "if far > NEAR or turned > NEARLY_TURNED:", "if far > 10.0:"),
+    (PATHS, "mechanism.jacobian(spring.frame) * limits", "mechanism.jacobian(spring.frame)"),
+    (PATHS, "MARGIN * path.speed / in_ramps_too", "path.speed"),
+    (PATHS, "if clock <= path.approach:", "if clock < 0.0:"),
     (CONTACT, "return linear + lever @ angular", "return linear - lever @ angular"),
     (CONTACT, "surface.rotation @ (signs * outside / distance)", "signs * outside / distance"),
     (FEASIBILITY, "if demand[worst] <= limit[worst]:", "if demand[worst] <= 10.0 * limit[worst]:"),

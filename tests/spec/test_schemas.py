@@ -81,6 +81,6 @@ def test_the_fixture_every_key_has_every_key():
     neutral = (
         CHECKOUT / "tasks" / "any-robot" / f"{n}.yaml" for n in ("stand-by", "stiffen-up", "two-step-reach")
     )
-    data = (TESTS / "data" / f"{name}.yaml" for name in ("every-hinge-key", "hand-posture"))
+    data = (TESTS / "data" / f"{name}.yaml" for name in ("every-hinge-key", "hand-posture", "every-path-key"))
     paths = (*neutral, EVERY_KEY, *data, following, *shipped)
     assert known <= set().union(*(document_keys(yaml.safe_load(path.read_text())) for path in paths))
