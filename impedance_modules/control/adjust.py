@@ -50,6 +50,10 @@ def scaled(task: TaskSpec, scale: float) -> TaskSpec:
         object=held,
         phases=tuple(_scaled_phase(phase, scale) for phase in task.phases),
         between=tuple(_scaled_between(spring, scale) for spring in task.between),
+        obstacles=tuple(
+            replace(one, stiffness=one.stiffness * scale, damping=one.damping * scale)
+            for one in task.obstacles
+        ),
     )
 
 
@@ -126,8 +130,14 @@ def single_arm(task: TaskSpec, arm: str) -> TaskSpec:
         )
     phases = tuple(_single_arm_phase(task, phase, arm) for phase in task.phases)
     pushes = tuple(push for push in task.pushes if push.target in {arm, "object"})
+    guarded = ((one, tuple(guard for guard in one.guards if guard.limb == arm)) for one in task.obstacles)
     return replace(
-        task, arms={arm: task.arms[arm]}, phases=phases, pushes=pushes, set_points=_kept(task.set_points, arm)
+        task,
+        arms={arm: task.arms[arm]},
+        phases=phases,
+        pushes=pushes,
+        set_points=_kept(task.set_points, arm),
+        obstacles=tuple(replace(one, guards=guards) for one, guards in guarded if guards),
     )
 
 

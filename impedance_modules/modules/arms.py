@@ -17,6 +17,7 @@ from impedance_modules.modules.between_spring import BetweenSpring, build_betwee
 from impedance_modules.modules.held_object import OBJECT, HeldObject, distance_to_surface
 from impedance_modules.modules.hinge import LEAST_LEVER, Hinge
 from impedance_modules.modules.joint_bias import JointBias
+from impedance_modules.modules.obstacle import Obstacle
 from impedance_modules.modules.spring import Spring
 from impedance_modules.robot.model import Limb, RobotModel
 from impedance_modules.robot.pose import Pose
@@ -52,12 +53,14 @@ class TaskModules:
         held: The object that arms hold; None for none.
         posture: (n,) q at the start [rad]; joints of limbs without a module are 0.
         between: Springs between frames of two arms.
+        obstacles: That push frames of the arms away.
     """
 
     arms: tuple[ArmModule, ...]
     held: HeldObject | None
     posture: Array
     between: tuple[BetweenSpring, ...] = ()
+    obstacles: tuple[Obstacle, ...] = ()
 
     @property
     def frames(self) -> tuple[str, ...]:
@@ -65,7 +68,8 @@ class TaskModules:
         hands = [arm.limb.hand for arm in self.arms]
         others = [spring.frame for arm in self.arms for spring in arm.springs]
         joined = [frame for spring in self.between for frame in spring.frames]
-        return tuple(dict.fromkeys(hands + others + joined))
+        guarded = [frame for obstacle in self.obstacles for frame in obstacle.frames]
+        return tuple(dict.fromkeys(hands + others + joined + guarded))
 
     def arm(self, limb: str) -> ArmModule:
         """Finds the module of a limb by name."""
@@ -102,7 +106,8 @@ def build_modules(task: TaskSpec, model: RobotModel) -> TaskModules:
     arms = tuple(_arm(arm, model, posture) for arm in task.arms.values())
     held = None if task.object is None else _held(task.object, arms, model, posture)
     between = tuple(build_between_spring(spec, model, posture) for spec in task.between)
-    modules = TaskModules(arms, held, posture, between)
+    obstacles = tuple(Obstacle(spec) for spec in task.obstacles)
+    modules = TaskModules(arms, held, posture, between, obstacles)
     if held is not None:
         problems = (
             _hand_problems(task, held) + _target_problems(task, held) + _axis_problems(task, held, model)

@@ -2,7 +2,7 @@
 r"""The sum of all modules at one state: torque, energy, and who contributed what.
 
     \tau = \sum_springs J^T (w + F - D (V - V_d)) - K_j (q - q_0) - D_j (v - v_0)
-           + \sum_between J^T (w_A, w_B) + \sum_hands J^T (squeeze + weight) + \tau_c
+           + \sum_between J^T (w_A, w_B) + \sum_obstacles J^T f + \sum_hands J^T (squeeze + weight) + \tau_c
 
 Nothing is inverted and nothing is projected: impedances add (thesis eq. 4.28).
 """
@@ -34,6 +34,12 @@ from impedance_modules.modules.equilibrium import Equilibrium, PhaseMotion
 from impedance_modules.modules.equilibrium_velocity import follow_equilibrium
 from impedance_modules.modules.held_object import ObjectLoads, object_efforts, object_loads
 from impedance_modules.modules.joint_bias import JointSprings, bias_efforts, bias_energy
+from impedance_modules.modules.obstacle import (
+    Obstacles,
+    lay_out_obstacles,
+    obstacle_efforts,
+    obstacle_energies,
+)
 from impedance_modules.modules.own_module import OWN, OwnModule, OwnTorques, apply_own, own_torques
 from impedance_modules.modules.spring import Spring, Springs, spring_efforts, spring_energies
 from impedance_modules.modules.target_motion import TargetMotion, target_motion
@@ -48,14 +54,15 @@ class Modules(Record):
     Attributes:
         springs, bias, loads: Of every arm and of the object; their torques are rows of ``efforts``.
         between: Springs between two arms, likewise.
+        obstacles: That push frames away.
         equilibrium_rotation, equilibrium_translation: (springs + between, 3, 3), (springs + between, 3) where all of
             them rest; ``springs`` and ``between`` have their rows of it [m].
         targets: How fast equilibria move, for dampers that count from them.
         own: Modules that somebody wrote in Python.
         compensation: Of what was diagnosed; inactive where nothing is to be compensated.
-        efforts: (springs + arms + 2 + between, n) torque of every spring, every arm's joint bias, squeeze and weight,
-            every spring between arms, one row more for each module of ``own``, and one for what is compensated, if
-            anything is [N.m].
+        efforts: (springs + arms + 2 + between + obstacles, n) torque of every spring, every arm's joint bias, squeeze
+            and weight, every spring between arms, every obstacle, one row more for each module of ``own``, and one for
+            what is compensated, if anything is [N.m].
         desired: (n,) their sum [N.m].
     """
 
@@ -63,6 +70,7 @@ class Modules(Record):
     bias: JointSprings
     loads: ObjectLoads
     between: BetweenSprings
+    obstacles: Obstacles
     equilibrium_rotation: Array3
     equilibrium_translation: Matrix
     targets: TargetMotion
@@ -77,6 +85,7 @@ def potential_energy(modules: Modules, arms: ArmGeometry, q: Array) -> float:
     """Returns U of all springs, joint springs and compensated potentials as they are in force, undiminished [J]."""
     energy = spring_energies(modules.springs, arms) + bias_energy(modules.bias, q)
     energy += between_energies(modules.between, arms)
+    energy += obstacle_energies(modules.obstacles, arms)
     if modules.own.active:
         energy += modules.own.energy
     if modules.compensation.active:
@@ -99,6 +108,7 @@ def sum_modules(modules: Modules, arms: ArmGeometry, q: Array, velocity: Array, 
     energy += bias_efforts(modules.bias, arms, q, velocity, scale)
     object_efforts(modules.loads, arms)
     energy += between_efforts(modules.between, arms, velocity, scale)
+    energy += obstacle_efforts(modules.obstacles, arms, velocity, scale)
     if modules.own.active:
         energy += apply_own(modules.own, scale)
     added = modules.compensation
@@ -136,7 +146,8 @@ def lay_out(
     springs = [spring for arm in modules.arms for spring in arm.springs]
     count, arms = len(springs), len(modules.arms)
     between = count + arms + 2
-    known = between + len(modules.between)
+    guarded = between + len(modules.between)
+    known = guarded + len(modules.obstacles)
     rotation = np.zeros((count + len(modules.between), 3, 3))
     translation = np.zeros((count + len(modules.between), 3))
     efforts = np.zeros((known + own + (0 if compensation is None else 1), n))
@@ -167,8 +178,9 @@ def lay_out(
         ),
         loads=object_loads(modules.held, modules.frames, efforts[count + arms : count + arms + 2]),
         between=lay_out_between(
-            modules.between, modules.frames, (rotation[count:], translation[count:]), efforts[between:known]
+            modules.between, modules.frames, (rotation[count:], translation[count:]), efforts[between:guarded]
         ),
+        obstacles=lay_out_obstacles(modules.obstacles, modules.frames, efforts[guarded:known]),
         equilibrium_rotation=rotation,
         equilibrium_translation=translation,
         targets=_target_motion(modules, springs, n, period),
@@ -201,6 +213,7 @@ def module_names(
         "squeeze",
         "weight",
         *(spring.module for spring in modules.between),
+        *(obstacle.module for obstacle in modules.obstacles),
         *(f"{OWN}{m.name}" for m in own),
         *([COMPENSATION] if compensated else []),
     )

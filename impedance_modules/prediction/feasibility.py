@@ -20,6 +20,12 @@ from impedance_modules.prediction.compensation_forecast import (
 from impedance_modules.prediction.energy_need import TankForecast, forecast_tank
 from impedance_modules.prediction.inner_loop_limit import beyond_passive_gain
 from impedance_modules.prediction.mechanism import Mechanism
+from impedance_modules.prediction.obstacle_forecast import (
+    NearestApproach,
+    inside_at_start,
+    inside_on_the_way,
+    nearest_approaches,
+)
 from impedance_modules.prediction.passages import passage_problems
 from impedance_modules.prediction.path_following import path_problems_of
 from impedance_modules.prediction.phase_loops import PhaseLoops, judge_loops, unstable_loops
@@ -49,6 +55,7 @@ class TaskPrediction:
         loops: Of each phase: are they stable?
         compensation: What is compensated along it; None where nothing is.
         missed: Targets that are out of reach, but accepted.
+        approaches: How near guarded frames come to obstacles.
     """
 
     motion: MotionPrediction
@@ -57,16 +64,17 @@ class TaskPrediction:
     loops: tuple[PhaseLoops, ...]
     compensation: CompensationForecast | None = None
     missed: tuple[MissedTarget, ...] = ()
+    approaches: tuple[NearestApproach, ...] = ()
 
 
 def refuse_infeasible(assembly: Assembly) -> TaskPrediction:
     """Refuses a task that cannot run as written; nothing has moved.
 
     A torque loop of the robot's own that is not passive; a sine or a submovement that the control rate cannot follow;
-    hands or an object so deep inside a surface at the start that it pushes harder than the joints can; a target out of
-    reach; a path that begins elsewhere or is too fast for a joint; a torque beyond a joint's limit, in motion or at
-    rest; a tank that holds less than the task needs; a loop that is unstable at this rate and delay, at a phase's rest
-    or for too long on the way, unless it is allowed.
+    hands or an object so deep inside a surface at the start that it pushes harder than the joints can; a frame inside
+    an obstacle that guards it, at the start or on the way; a target out of reach; a path that begins elsewhere or is too
+    fast for a joint; a torque beyond a joint's limit, in motion or at rest; a tank that holds less than the task needs;
+    a loop that is unstable at this rate and delay, at a phase's rest or for too long on the way, unless it is allowed.
 
     Returns:
         What was predicted.
@@ -76,16 +84,23 @@ def refuse_infeasible(assembly: Assembly) -> TaskPrediction:
     """
     mechanism = Mechanism(assembly)
     gain = [] if assembly.allow_unstable else beyond_passive_gain(assembly)
-    at_start = [*gain, *_beyond_the_rate(assembly), *_pressed_at_start(assembly, mechanism)]
+    at_start = [
+        *gain,
+        *_beyond_the_rate(assembly),
+        *_pressed_at_start(assembly, mechanism),
+        *inside_at_start(assembly, mechanism),
+    ]
     if at_start:
         raise BadFile(at_start)
     motion, rests, missed = _within_reach(assembly, mechanism)
     compensation = forecast_compensation(assembly, mechanism, motion, rests)
     tank = forecast_tank(assembly, mechanism, motion, compensation)
     loops = judge_loops(assembly, mechanism, motion, rests)
-    prediction = TaskPrediction(motion, rests, tank, loops, compensation, missed)
+    approaches = nearest_approaches(assembly, mechanism, motion)
+    prediction = TaskPrediction(motion, rests, tank, loops, compensation, missed, approaches)
     problems = [
         *path_problems_of(assembly, motion),
+        *inside_on_the_way(assembly, approaches),
         *_efforts_beyond_limits(assembly, prediction),
         *_need_beyond_tank(assembly, prediction.tank),
         *([] if assembly.allow_unstable else _unstable(assembly, mechanism, prediction)),

@@ -29,6 +29,7 @@ from impedance_modules.prediction.hinge_forecast import HingeForecast, forecast_
 from impedance_modules.prediction.joint_limits import beyond_range, too_fast
 from impedance_modules.prediction.loop_stability import StabilityForecast
 from impedance_modules.prediction.mechanism import Mechanism
+from impedance_modules.prediction.obstacle_forecast import obstacle_notes
 from impedance_modules.prediction.phase_loops import PhaseLoops
 from impedance_modules.prediction.quasi_static import MotionPrediction, PredictedPhase
 from impedance_modules.prediction.reach import reach_notes
@@ -190,6 +191,7 @@ def forecast_task(assembly: Assembly, prediction: TaskPrediction) -> Forecast:
             [
                 *reach_notes(assembly, prediction.missed),
                 *_far_rests(assembly, phases),
+                *obstacle_notes(assembly, motion, prediction.approaches),
                 *(note for phase in phases for note in _notes(phase)),
             ]
         )

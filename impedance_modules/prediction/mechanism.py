@@ -9,6 +9,7 @@ Held by several hands, only those joint motions are possible that keep every gra
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,7 @@ from impedance_modules.modules.between_spring import relative_jacobian, springs_
 from impedance_modules.modules.damping import Damping
 from impedance_modules.modules.equilibrium import Equilibrium, PhaseMotion
 from impedance_modules.modules.held_object import HeldObject
+from impedance_modules.modules.obstacle import obstacles_at
 from impedance_modules.modules.sum import (
     lay_out,
     sum_modules,
@@ -137,6 +139,9 @@ class Mechanism:
         for between, J in zip(modules.between, self.relative_jacobians(modules, targets), strict=True):
             stiffness += J.T @ between.spec.stiffness @ J
             dampers += J.T @ damping.of_between(between) @ J
+        for along, k, b in self._obstacle_pushes(modules):
+            stiffness += k * np.outer(along, along)
+            dampers += b * np.outer(along, along)
         return stiffness, dampers
 
     def relative_jacobians(self, modules: TaskModules, targets: Equilibrium | None = None) -> list[Array]:
@@ -145,6 +150,16 @@ class Mechanism:
         found = springs_at(modules.between, self.kinematics, rests if targets is None else targets.springs)
         arms = self.kinematics.arms
         return [relative_jacobian(found, arms, s)[:, self.joints] for s in range(len(modules.between))]
+
+    def _obstacle_pushes(self, modules: TaskModules) -> Iterator[tuple[Array, float, float]]:
+        """Lists n^T J (k,) of every frame that an obstacle pushes now, with stiffness [N/m] and damping [N.s/m]."""
+        found = obstacles_at(modules.obstacles, self.kinematics)
+        for p, (o, f) in enumerate(zip(found.obstacle, found.frame, strict=True)):
+            part = (found.distance[o] - found.clearance[p]) / found.distance[o]
+            if part > 0.0:
+                along = found.normal[p] @ self.kinematics.jacobian[f][:3, self.joints]
+                rising = float(found.stiffness[o]) if part < 1.0 else 0.0
+                yield along, rising, float(found.damping[o]) * min(part, 1.0)
 
     def module_efforts(
         self, setting: Setting, q: Array, v: Array, *, force_share: float = 1.0

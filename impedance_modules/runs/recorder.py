@@ -299,9 +299,10 @@ def _recorded_modules(supervisor: Supervisor) -> list[tuple[str, int, int]]:
     controller, assembly = supervisor.controller, supervisor.assembly
     found: list[tuple[str, int, int]] = []
     everywhere = np.concatenate([arm.limb.joints for arm in assembly.modules.arms])
-    between = {spring.module: spring.limbs for spring in assembly.modules.between}
+    shared: dict[str, tuple[str, ...]] = {s.module: s.limbs for s in assembly.modules.between}
+    shared |= {obstacle.module: obstacle.limbs for obstacle in assembly.modules.obstacles}
     for row, name in enumerate(controller.module_names):
-        limbs = between.get(name, (name.partition(".")[0],))
+        limbs = shared.get(name, (name.partition(".")[0],))
         owners = [arm.limb.joints for arm in assembly.modules.arms if arm.limb.name in limbs]
         joints = np.concatenate(owners) if owners else everywhere
         if not owners and not name.startswith((COMPENSATION, OWN)) and assembly.modules.held is None:

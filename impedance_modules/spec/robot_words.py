@@ -25,7 +25,7 @@ HAND = "hand"
 
 PER_EFFORT = "stiffness_per_effort"
 
-FRAMES_OF_ARMS = {"between": "frames"}
+FRAMES_OF_ARMS = {"between": "frames", "obstacles": "guards"}
 """Keys of a task whose entries list frames with their arms."""
 
 

@@ -24,6 +24,7 @@ from impedance_modules.spec.submovement_spec import Submovement
 if TYPE_CHECKING:
     from impedance_modules.spec.between_spec import BetweenSpec
     from impedance_modules.spec.document import Document
+    from impedance_modules.spec.obstacle_spec import ObstacleSpec
 
 Matrix = NDArray[np.float64]
 WORLD, EQUILIBRIUM = "world", "equilibrium"
@@ -423,7 +424,7 @@ class TaskSpec:
     """A whole task file. ``document`` maps every value back to its line and column.
 
     ``set_points`` limits what arrives while it runs; None for a task that listens to nothing. ``between`` are the
-    springs between two arms.
+    springs between two arms, ``obstacles`` push frames of the arms away.
     """
 
     name: str
@@ -441,3 +442,4 @@ class TaskSpec:
     playback: TaskPlayback | None = None
     set_points: SetPointLimits | None = None
     between: tuple[BetweenSpec, ...] = ()
+    obstacles: tuple[ObstacleSpec, ...] = ()

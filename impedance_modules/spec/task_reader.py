@@ -22,6 +22,7 @@ from impedance_modules.spec.build_task import (
 from impedance_modules.spec.check_arms import arm_problems
 from impedance_modules.spec.check_between import between_problems
 from impedance_modules.spec.check_hinge import half_turn_problems, hinge_problems
+from impedance_modules.spec.check_obstacles import obstacle_problems
 from impedance_modules.spec.check_phases import phase_problems
 from impedance_modules.spec.check_springs import spring_problems
 from impedance_modules.spec.check_surroundings import (
@@ -34,6 +35,7 @@ from impedance_modules.spec.check_surroundings import (
 )
 from impedance_modules.spec.document import Document, scan_document
 from impedance_modules.spec.locate import find_robot, find_task
+from impedance_modules.spec.obstacle_spec import OBSTACLES, build_obstacle
 from impedance_modules.spec.other_robot import on_robot
 from impedance_modules.spec.robot_reader import read_robot
 from impedance_modules.spec.robot_spec import RobotSpec
@@ -122,6 +124,7 @@ def _meaning_problems(draft: TaskDraft, arms: Mapping[str, DraftArm]) -> Iterato
     yield from arm_problems(draft, arms)
     yield from spring_problems(draft, arms)
     yield from between_problems(draft)
+    yield from obstacle_problems(draft)
     yield from object_problems(draft, arms)
     yield from hinge_problems(draft)
     yield from half_turn_problems(draft)
@@ -164,6 +167,7 @@ def _finished(document: Document, arms: Mapping[str, DraftArm], written: Documen
         playback=_playback(document) if "playback" in data else None,
         set_points=limits,
         between=tuple(build_between(raw) for raw in data.get(BETWEEN, [])),
+        obstacles=tuple(build_obstacle(raw) for raw in data.get(OBSTACLES, [])),
     )
 
 

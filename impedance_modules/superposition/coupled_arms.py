@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""What springs between arms are in the joints of all arms: off-diagonal blocks of stiffness and damping.
+r"""What springs between arms, and obstacles, are in the joints of all arms: blocks of stiffness and damping.
 
 With x the poses of both frames, J their stacked Jacobian, w the wrenches on them, and \tau = J^T w,
 
@@ -15,7 +15,7 @@ stiffness, hands i and k, X_i = ``carry(r_i)``:
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,6 +32,7 @@ from impedance_modules.modules.between_spring import (
 )
 from impedance_modules.modules.damping import Damping
 from impedance_modules.modules.equilibrium import Equilibrium
+from impedance_modules.modules.obstacle import Obstacles, obstacles_at, push_force
 from impedance_modules.robot.kinematics import ArmGeometry, Kinematics
 from impedance_modules.robot.model import Limb
 from impedance_modules.robot.pose import Pose, carry
@@ -45,9 +46,13 @@ STEP = 1e-3
 """Displacement [m, rad] of the central differences that give dw/dx, of fourth order: exact to about 1e-11."""
 
 
+PUSH_STEP = 1e-4
+"""The same for an obstacle's push [m]."""
+
+
 @dataclass(frozen=True)
 class JointCoupling:
-    """Springs between arms, summed over all joints of the robot.
+    """Springs between arms, and pushes of obstacles, summed over all joints of the robot.
 
     Attributes:
         effort: (n,) torque of their potentials [N.m].
@@ -213,7 +218,7 @@ def coupling_at_object(
 def joint_coupling(
     modules: TaskModules, kinematics: Kinematics, targets: Equilibrium, damping: Damping
 ) -> JointCoupling | None:
-    """Sums all springs between arms at the state of ``kinematics``; None for a task without any.
+    """Sums springs between arms and obstacles at the state of ``kinematics``; None for a task without any.
 
     Args:
         modules: Of the task.
@@ -221,7 +226,7 @@ def joint_coupling(
         targets: Rests.
         damping: Of the phase.
     """
-    if not modules.between:
+    if not modules.between and not modules.obstacles:
         return None
     arms, n = kinematics.arms, kinematics.model.n
     found = springs_at(modules.between, kinematics, targets.springs)
@@ -241,7 +246,43 @@ def joint_coupling(
             joints = modules.arm(limb).limb.joints
             J = kinematics.jacobian_of(spring.frames[end])[:, joints]
             stiffness[np.ix_(joints, joints)] -= gamma(J, found.wrench[s, 6 * end : 6 * end + 6])
-    return JointCoupling(found.effort.sum(axis=0), stiffness, relaxed, modal, explicit, joined_arms(modules))
+    effort = found.effort.sum(axis=0)
+    for pushed, K, declared, dampers in _pushes(modules, kinematics):
+        effort, stiffness = effort + pushed, stiffness + K
+        relaxed, explicit = relaxed + declared, explicit + dampers
+    return JointCoupling(effort, stiffness, relaxed, modal, explicit, joined_arms(modules))
+
+
+def _pushes(modules: TaskModules, kinematics: Kinematics) -> Iterator[tuple[Array, Array, Array, Array]]:
+    """Gives of every frame that an obstacle pushes torque (n,), and stiffness, relaxed stiffness, damping (n, n)."""
+    found, limbs = obstacles_at(modules.obstacles, kinematics), [arm.limb for arm in modules.arms]
+    for p, (o, f) in enumerate(zip(found.obstacle, found.frame, strict=True)):
+        depth = found.distance[o] - found.clearance[p]
+        if depth <= 0.0:
+            continue
+        J, point, normal = kinematics.jacobian[f], kinematics.translation[f], found.normal[p]
+        along, force = J[:3].T @ normal, push_force(found, int(o), point)
+        turning = np.zeros((len(along), len(along)))
+        for limb in limbs:
+            own = np.ix_(limb.joints, limb.joints)
+            turning[own] = gamma(J[:, limb.joints], np.concatenate([force, np.zeros(3)]))
+        K = _push_stiffness(found, int(o), point)
+        inside = depth < found.distance[o]
+        yield (
+            J[:3].T @ force,
+            J[:3].T @ K @ J[:3] - turning,
+            (found.stiffness[o] if inside else 0.0) * np.outer(along, along),
+            found.damping[o] * min(depth / found.distance[o], 1.0) * np.outer(along, along),
+        )
+
+
+def _push_stiffness(found: Obstacles, o: int, point: Array) -> Array:
+    """Gives -df/dp (3, 3) of an obstacle's push by central differences of fourth order."""
+    K = np.empty((3, 3))
+    for k, h in enumerate(PUSH_STEP * np.eye(3)):
+        f = [push_force(found, o, point + step * h) for step in (-2, -1, 1, 2)]
+        K[:, k] = -(f[0] - 8.0 * f[1] + 8.0 * f[2] - f[3]) / (12.0 * PUSH_STEP)
+    return K
 
 
 def pair_stiffness(spring: BetweenSpring, first: Pose, second: Pose, rest: Pose) -> Array:

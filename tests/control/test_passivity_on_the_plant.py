@@ -83,6 +83,7 @@ def run_in_world(
     tamper: Callable[[Controller], None] = lambda controller: None,
     rigid_books: bool = False,
     jumps: bool = True,
+    more: str = "",
     compensate: Path | None = None,
     between: Callable[[SimBackend], Backend] = lambda robot: robot,
 ) -> Books:
@@ -90,7 +91,10 @@ def run_in_world(
     random = np.random.default_rng(seed)
     path = folder / f"adversity-{seed}.yaml"
     steps = phases(random, 4) if jumps else "  - {name: stay, duration: 1.0}"
-    path.write_text(TASK.replace("FORCE", str(force)).replace("PHASES", steps))
+    if more:
+        steps = steps.replace("equilibrium: {", "equilibrium: {grip: {y: 0.4, z: 0.05, rx: 0.2}, ")
+    text = TASK.replace("safety:", f"{more}safety:")
+    path.write_text(text.replace("FORCE", str(force)).replace("PHASES", steps))
     assembly = assemble(str(path), effects=None, compensate=compensate, rate=rate, scale=1.0, arm=None)
     settings = replace(assembly.tank, initial=tank)
     if rigid_books:
@@ -137,6 +141,27 @@ def test_work_at_the_motors_stays_within_the_claim(tmp_path: Path, world: dict) 
     check_books(seen)
     if not world.get("noise", True):
         assert abs(seen.plant.motor_work) > 0.01
+
+
+JOINED = """
+between:
+  - name: grip
+    frames: [left.hand, right.hand]
+    expressed_in: right.hand
+    stiffness: {x: 300, y: 100, z: 200, rx: 8, ry: 4, rz: 8}
+    damping_ratio: 0.7
+obstacles:
+  - {name: ball, shape: sphere, position: [0.62, -0.26, 0.12], size: [0.02], distance: 0.1, stiffness: 600, damping: 20,
+     guards: [right.hand, left.hand]}
+"""
+
+
+@pytest.mark.parametrize("world", [WORLDS[0], WORLDS[2], WORLDS[4]], ids=lambda world: f"seed{world['seed']}")
+def test_it_does_with_a_spring_between_the_arms_and_an_obstacle(tmp_path: Path, world: dict) -> None:
+    seen = run_in_world(tmp_path, **world, more=JOINED)
+    efforts = seen.supervisor.controller.cycle.modules
+    assert seen.cycles > 100 and np.any(efforts.between.effort)
+    check_books(seen)
 
 
 def ignore_the_tank(controller: Controller) -> None:
