@@ -18,7 +18,7 @@ MUTANTS = (
     (LAW, "return stiffness * distance * (depth - 0.5 * distance)", "return stiffness * distance * depth"),
     (LAW, "return 0.5 * stiffness * depth * depth", "return stiffness * depth * depth"),
     (LAW, "part = min(depth / obstacles.distance[o], 1.0)", "part = depth / obstacles.distance[o]"),
-    (LAW, "force -= obstacles.damping[o] * part", "force += obstacles.damping[o] * part"),
+    (LAW, "            force -= (", "            force += ("),
     (LAW, "force = scale * obstacles.stiffness[o]", "force = obstacles.stiffness[o]"),
     (LAW, "total = scale * obstacle_energies(obstacles, arms)", "total = obstacle_energies(obstacles, arms)"),
     (LAW, "half[o] = 0.5 * np.array(spec.size)", "half[o] = np.array(spec.size)"),
