@@ -1,5 +1,4 @@
 # SPDX-License-Identifier: BSD-3-Clause
-# ruff: noqa: E501
 """Wrong laws of obstacles (``python -m tests.mutants --only obstacles``)."""
 
 LAW = "impedance_modules/modules/obstacle.py"
