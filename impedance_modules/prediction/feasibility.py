@@ -74,7 +74,8 @@ def refuse_infeasible(assembly: Assembly) -> TaskPrediction:
     hands or an object so deep inside a surface at the start that it pushes harder than the joints can; a frame inside
     an obstacle that guards it, at the start or on the way; a target out of reach; a path that begins elsewhere or is
     too fast for a joint; a torque beyond a joint's limit, in motion or at rest; a tank that holds less than the task
-    needs; a loop that is unstable at this rate and delay, at a phase's rest or for too long on the way, unless it is allowed.
+    needs; a loop that is unstable at this rate and delay, at a phase's rest or for too long on the way,
+    unless it is allowed.
 
     Returns:
         What was predicted.
