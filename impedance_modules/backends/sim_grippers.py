@@ -26,12 +26,13 @@ class SimulatedGripper:
     Attributes:
         width: Between the fingers [m].
         force: With which they press [N].
+        thing: Width of what is between them [m]; None for nothing.
     """
 
     def __init__(self, spec: GripperSpec, thing: float | None) -> None:
         """Takes the gripper, which begins open, and the width of what is between its fingers [m]; None for nothing."""
         self.width, self.force = spec.widest, NO_FORCE
-        self._thing = thing
+        self.thing = thing
         self._number = self._ended = 0
         self._motion: GripperMotion | None = None
 
@@ -46,8 +47,8 @@ class SimulatedGripper:
             return
         step = min(max(motion.width - self.width, -motion.speed * seconds), motion.speed * seconds)
         goal = self.width + step
-        met = self._thing is not None and step < 0.0 and goal <= self._thing <= self.width
-        self.width = self._thing if met and self._thing is not None else goal
+        met = self.thing is not None and step < 0.0 and goal <= self.thing <= self.width
+        self.width = self.thing if met and self.thing is not None else goal
         if met or math.isclose(self.width, motion.width, abs_tol=1e-12):
             self._ended = self._number
             self.force = motion.force if met and motion.force is not None else NO_FORCE

@@ -63,7 +63,8 @@ def grippers_of(
         raise BadInput(
             f"{name} takes no orders for the gripper of {', '.join(arm for arm in wanted if arm not in taken)}, which"
             f" the phases {', '.join(phases)} of task '{assembly.task.name}' ask for (valid: sim, mujoco; a replay of a"
-            " recording with these grippers; franka for a franka-hand; or the task without grippers:)"
+            " recording with these grippers; franka for a franka-hand; baxter for a baxter-electric-gripper; or the"
+            " task without grippers:)"
         )
     return _ReadOnly(robot) if read_only else robot
 

@@ -19,6 +19,7 @@ from impedance_modules.backends.sim_backend import SimBackend
 from impedance_modules.backends.sim_grippers import SimulatedGrippers
 from impedance_modules.control.assembly import Assembly
 from impedance_modules.control.contact_detection import contact_checks
+from impedance_modules.control.gripper_watch import ordered_grippers
 from impedance_modules.episode.data import Episode
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.errors import BadInput
@@ -118,7 +119,9 @@ def baxter_backend(assembly: Assembly, session: Session, *, read_only: bool, app
         RobotRefused: The robot must not be moved now; with every reason and its remedy.
     """
     limbs = {arm.limb.name: arm.limb for arm in assembly.modules.arms}
-    options = DriveOptions(assembly.rate, read_only, approach, assembly.modules.posture)
+    options = DriveOptions(
+        assembly.rate, read_only, approach, assembly.modules.posture, ordered_grippers(assembly.task)
+    )
 
     def of_task(link: RobotLink) -> tuple[PreflightResult, ...]:
         return () if link.sample is None else contact_checks(assembly, link.sample.state)

@@ -18,15 +18,18 @@ import numpy as np
 from impedance_modules.arrays import Array
 from impedance_modules.backends.baxter import topics
 from impedance_modules.backends.baxter.driver import BaxterDriver
+from impedance_modules.backends.baxter.gripper_link import GripperLink
 from impedance_modules.backends.baxter.joint_states import StateSample
 from impedance_modules.backends.baxter.position_mode import Approach
 from impedance_modules.backends.baxter.robot_link import RobotLink, SeaColumns
 from impedance_modules.backends.baxter.stops import DriveMode, Stops
 from impedance_modules.backends.computer import SWITCH_INTERVAL, CpuIdleInhibitor
+from impedance_modules.backends.grippers import GripperReport
 from impedance_modules.backends.protocol import Finish, FirstState
 from impedance_modules.errors import NotConnected, RobotRefused
 from impedance_modules.robot.model import Limb
 from impedance_modules.robot.state import RobotState
+from impedance_modules.spec.gripper_spec import GripperMotion
 
 PATIENCE = 1.5
 """Longest wait for a state, in periods; after a miss the next wait is one period longer each time."""
@@ -73,12 +76,14 @@ class DriveOptions:
         approach: Lets the robot's position mode bring the arms to ``start`` first; without it, a robot that
             stands elsewhere is refused.
         start: (n,) where the task begins [rad].
+        grippers: Limbs whose grippers the task orders.
     """
 
     rate: float
     read_only: bool
     approach: bool
     start: Array
+    grippers: tuple[str, ...] = ()
 
 
 class BaxterBackend:
@@ -95,6 +100,7 @@ class BaxterBackend:
         stops: Stops,
         options: DriveOptions,
         check: Callable[[], None],
+        grippers: Mapping[str, GripperLink] | None = None,
     ) -> None:
         """Takes the robot; nothing is advertised or sent before ``start``.
 
@@ -104,10 +110,12 @@ class BaxterBackend:
             stops: Idle.
             options: Of the run.
             check: Raises RobotRefused when the robot must not be moved; called when the run begins.
+            grippers: Those that take orders, listening.
         """
         self.driver = BaxterDriver(link, limbs, stops, options.rate)
         self._stops, self._check = stops, check
         self._link, self._limbs, self._options = link, limbs, options
+        self._grippers = {} if grippers is None else grippers
         self._period = 1.0 / options.rate
         self._extra = SeaColumns(link.sea)
         self._last: StateSample | None = None
@@ -134,7 +142,7 @@ class BaxterBackend:
             self._idle_inhibitor.begin()
             self.driver.listen()
             if not self._options.read_only:
-                self.driver.attach()
+                self._attach()
             self._check_rate()
             if not self._options.read_only:
                 self._prepare()
@@ -181,6 +189,18 @@ class BaxterBackend:
         np.copyto(self._effort, effort)
         self.driver.torque(effort)
 
+    def gripper_limbs(self) -> tuple[str, ...]:
+        """Names the limbs whose electric grippers take orders."""
+        return tuple(self._grippers)
+
+    def order_gripper(self, limb: str, motion: GripperMotion) -> None:
+        """Hands an order on; sent at once, never waited for."""
+        self._grippers[limb].order(motion)
+
+    def gripper_report(self, limb: str) -> GripperReport:
+        """What is known of a gripper now."""
+        return self._grippers[limb].report()
+
     def warm_up_with(self, cycle: Callable[[], None]) -> None:
         """Calls ``cycle`` shortly before each state is due, unless states come so fast that the caches stay warm."""
         if self._period >= COLD_AFTER:
@@ -218,6 +238,14 @@ class BaxterBackend:
             self._link.warm_up()
             self.driver.warm_up(self._effort)
             lasted = time.monotonic() - moment
+
+    def _attach(self) -> None:
+        """Advertises the commands of arms and grippers, and makes sure that the robot subscribes."""
+        for gripper in self._grippers.values():
+            gripper.attach()
+        self.driver.attach()
+        for gripper in self._grippers.values():
+            gripper.refuse_without_subscriber()
 
     def _prepare(self) -> None:
         """Brings the arms to the start, sets the time-out, tries zero torque."""
@@ -268,6 +296,8 @@ class BaxterBackend:
     def _leave(self) -> None:
         sys.setswitchinterval(self._usual_interval)
         self._idle_inhibitor.end()
+        for gripper in self._grippers.values():
+            gripper.close()
         self.driver.leave()
 
     def _fresh_sample(self) -> StateSample:

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 from impedance_modules.backends.baxter import topics
 from impedance_modules.backends.baxter.baxter_backend import BaxterBackend, DriveOptions
+from impedance_modules.backends.baxter.gripper_link import KIND, KNOWN_TIME, GripperLink
 from impedance_modules.backends.baxter.preflight_checks import CheckedRobot, run_checks
 from impedance_modules.backends.baxter.robot_link import RobotLink
 from impedance_modules.backends.baxter.ros.transport import Transport
@@ -55,15 +56,34 @@ class Session:
         self.spec = replace(spec, joint_origins=self.comparison.origins)
         self.model = RobotModel(self.spec)
         self.link = RobotLink(transport, self.model.joint_names, tuple(spec.limbs))
+        self._grippers: dict[str, GripperLink] = {}
 
-    def preflight(self, limbs: Sequence[str], model: RobotModel | None = None) -> tuple[PreflightResult, ...]:
+    def electric_grippers(self) -> tuple[str, ...]:
+        """Names the limbs that have an electric gripper by the robot folder."""
+        limbs = self.spec.limbs.items()
+        return tuple(name for name, limb in limbs if limb.gripper is not None and limb.gripper.kind == KIND)
+
+    def listen_to_grippers(self, limbs: Sequence[str]) -> None:
+        """Begins to listen to the electric grippers of some limbs; ``preflight`` then checks them too."""
+        for name in self.electric_grippers():
+            gripper = self.spec.limbs[name].gripper
+            if name in limbs and gripper is not None:
+                self._grippers[name] = GripperLink(self.transport, name, gripper)
+
+    def preflight(
+        self, limbs: Sequence[str], model: RobotModel | None = None, *, grippers_ordered: bool = False
+    ) -> tuple[PreflightResult, ...]:
         """Receives for ``LISTENING`` seconds and makes every check of some limbs; sends nothing.
 
-        ``model`` includes what a run's patch says of the robot; None is the robot folder's.
+        ``model`` includes what a run's patch says of the robot; None is the robot folder's. The grippers that are
+        listened to must be fit only where they will be ordered.
         """
         time.sleep(LISTENING)
+        for gripper in self._grippers.values() if grippers_ordered else ():
+            gripper.wait_until_known(KNOWN_TIME - LISTENING)
         robot = CheckedRobot(self.link, self.model if model is None else model, self.comparison, limbs)
-        return run_checks(robot, time.monotonic())
+        grippers = (gripper.check(ordered=grippers_ordered) for gripper in self._grippers.values())
+        return (*run_checks(robot, time.monotonic()), *grippers)
 
     def backend(
         self,
@@ -85,13 +105,15 @@ class Session:
         """
 
         def check() -> None:
-            results = (*self.preflight(tuple(limbs), model), *of_task(self.link))
+            checks = self.preflight(tuple(limbs), model, grippers_ordered=True)
+            results = (*checks, *of_task(self.link))
             refuse_failed(results, commanding=not options.read_only)
 
+        self.listen_to_grippers(options.grippers)
         check()
         thresholds = stop_thresholds(1.0 / options.rate, self.model.column("effort_max"))
         stops = Stops(thresholds, {name: limb.joints for name, limb in limbs.items()})
-        return BaxterBackend(self.link, limbs, stops, options, check)
+        return BaxterBackend(self.link, limbs, stops, options, check, self._grippers)
 
 
 class DeferredSession:

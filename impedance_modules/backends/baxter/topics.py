@@ -66,6 +66,15 @@ collision_state: LimbTopic = "/robot/limb/{}/collision_detection_state".format
 cuff: LimbTopic = "/robot/digital_io/{}_lower_cuff/state".format
 """Topic of the switch in a limb's cuff."""
 
+gripper_command: LimbTopic = "/robot/end_effector/{}_gripper/command".format
+"""Topic on which a limb's gripper is commanded."""
+
+gripper_state: LimbTopic = "/robot/end_effector/{}_gripper/state".format
+"""Topic of what a limb's gripper reports."""
+
+gripper_properties: LimbTopic = "/robot/end_effector/{}_gripper/properties".format
+"""Topic that says what kind of gripper a limb has."""
+
 
 def suppression(limb: str, name: str) -> str:
     """Topic that switches one of a limb's safety functions off; the effect ends by itself after 0.2 s."""

@@ -35,7 +35,9 @@ def check(robot: str, transport: str) -> int:
     from impedance_modules.spec.robot_reader import read_robot
 
     with node(transport, "check") as found:
-        results = Session(found, read_robot(robot)).preflight(tuple(read_robot(robot).limbs))
+        session = Session(found, read_robot(robot))
+        session.listen_to_grippers(session.electric_grippers())
+        results = session.preflight(tuple(session.spec.limbs))
     Terminal().print(_results_table(results))
     failed = [result for result in results if result.passed is False]
     for result in failed:

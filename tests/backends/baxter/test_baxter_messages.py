@@ -38,6 +38,8 @@ CHECKSUMS = {
     "baxter_core_msgs/CollisionDetectionState": "7bde38c182b4d08fdc0635b116f65d04",
     "baxter_core_msgs/HeadState": "71c43b264307205358e7e49be5601348",
     "baxter_core_msgs/EndEffectorState": "ade777f069d738595bc19e246b8ec7a0",
+    "baxter_core_msgs/EndEffectorCommand": "c003234e90416f2ca02ac7837c42cbb7",
+    "baxter_core_msgs/EndEffectorProperties": "21b83773ab9a35216d11e427573c76cc",
     "baxter_core_msgs/URDFConfiguration": "0c7028d878027820eed2aa0cbf1f5e4a",
     "sensor_msgs/JointState": "3066dcd76a6cfaef579bd0f34173e9fd",
     "std_msgs/Bool": "8b94c1b53db61fb6aed406028ad6332a",

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from impedance_modules.backends.baxter import topics
 from impedance_modules.backends.baxter.position_mode import named_posture
 from impedance_modules.backends.baxter.ros import messages
 from impedance_modules.backends.baxter.simulator.assembly_state import PowerMachine
@@ -282,6 +283,8 @@ def test_calibrated_mounts_are_served_and_used() -> None:
         ("drop 2", "valid: 0 to 1"),
         ("drop x", "'x' is not a number"),
         ("push up 1 2 3", "limbs left, right"),
+        ("thing right", "valid: thing LIMB WIDTH"),
+        ("gripper-error 3", "valid: gripper-error LIMB"),
         ("estop 3", "too much"),
         ("@x estop", "is not a number"),
         ("", "valid:"),
@@ -400,6 +403,37 @@ def test_faults_of_messages() -> None:
     assert after("clock-step -3")[0].header.stamp - before < -2e9
     after("nonsense")
     assert "no fault 'nonsense'" in net.robot.events[-1][1]
+
+
+def test_grippers_on_the_network_and_their_faults() -> None:
+    net = Network()
+    heard = net.hear(topics.gripper_state("right"), messages.EndEffectorState)
+    what = net.hear(topics.gripper_properties("right"), messages.EndEffectorProperties)
+    commands = net.user.advertise(topics.gripper_command("right"), messages.EndEffectorCommand)
+
+    def after(words: str) -> list:
+        net.fault(words, 0.02)
+        heard.clear()
+        net.live(1.0)
+        return heard
+
+    assert 37 <= len(after("thing right 0.02")) <= 39
+    assert what[-1].ui_type == messages.EndEffectorProperties.ELECTRIC_GRIPPER
+    assert (heard[-1].position, heard[-1].gripping, heard[-1].calibrated, heard[-1].error) == (100.0, 0, 1, 0)
+    commands.send(messages.EndEffectorCommand(heard[-1].id, "go", '{"position": 0}', "me", 7))
+    held = after("gripper-silent left")[-1]
+    assert (held.gripping, held.moving, held.command_sender, held.command_sequence) == (1, 0, "me", 7)
+    assert held.position == pytest.approx(100.0 * 0.02 / 0.044)
+    commands.send(messages.EndEffectorCommand(1, "go", '{"position": 100}', "other hardware", 8))
+    assert after("gripper-uncalibrated right")[-1].calibrated == 0
+    assert heard[-1].command_sender == "me"
+    commands.send(messages.EndEffectorCommand(heard[-1].id, "go", '{"position": 100}', "me", 9))
+    assert after("thing off")[-1].gripping == 1
+    commands.send(messages.EndEffectorCommand(heard[-1].id, "calibrate", "", "me", 10))
+    assert after("gripper-error right")[-1].error == 1
+    assert heard[-1].calibrated == 1
+    assert not after("gripper-silent right")
+    assert after("gripper-silent off")
 
 
 def test_faults_of_nodes() -> None:

@@ -72,6 +72,20 @@ FIELD_LISTS: Mapping[str, str] = {
         "float32 POSITION_CLOSED=0.0\nfloat32 POSITION_OPEN=100.0\n"
         "float32 FORCE_MIN=0.0\nfloat32 FORCE_MAX=100.0"
     ),
+    "baxter_core_msgs/EndEffectorCommand": (
+        "uint32 id\nstring command\nstring args\nstring sender\nuint32 sequence\n"
+        "string CMD_NO_OP=no_op\nstring CMD_SET=set\nstring CMD_CONFIGURE=configure\nstring CMD_REBOOT=reboot\n"
+        "string CMD_RESET=reset\nstring CMD_CALIBRATE=calibrate\nstring CMD_CLEAR_CALIBRATION=clear_calibration\n"
+        "string CMD_PREPARE_TO_GRIP=prepare_to_grip\nstring CMD_GRIP=grip\nstring CMD_RELEASE=release\n"
+        "string CMD_GO=go\nstring CMD_STOP=stop"
+    ),
+    "baxter_core_msgs/EndEffectorProperties": (
+        "uint32 id\nuint8 ui_type\nstring manufacturer\nstring product\nstring serial_number\nstring hardware_rev\n"
+        "string firmware_rev\nstring firmware_date\nbool has_calibration\nbool controls_grip\nbool senses_grip\n"
+        "bool reverses_grip\nbool controls_force\nbool senses_force\nbool controls_position\nbool senses_position\n"
+        "string properties\n"
+        "uint8 NO_GRIPPER=0\nuint8 SUCTION_CUP_GRIPPER=1\nuint8 ELECTRIC_GRIPPER=2\nuint8 PASSIVE_GRIPPER=3"
+    ),
     "baxter_core_msgs/URDFConfiguration": "time time\nstring link\nstring joint\nstring urdf",
 }
 """Type -> its fields and constants, in the order in which ROS puts them on the wire."""

@@ -219,6 +219,9 @@ class HeadState(Message, ros_type="baxter_core_msgs/HeadState"):
 class EndEffectorState(Message, ros_type="baxter_core_msgs/EndEffectorState"):
     """A gripper's state; opening and force in percent of their largest."""
 
+    STATE_FALSE: ClassVar[int] = 0
+    STATE_TRUE: ClassVar[int] = 1
+    STATE_UNKNOWN: ClassVar[int] = 2
     timestamp: int
     id: int
     enabled: int
@@ -235,6 +238,42 @@ class EndEffectorState(Message, ros_type="baxter_core_msgs/EndEffectorState"):
     command: str
     command_sender: str
     command_sequence: int
+
+
+class EndEffectorCommand(Message, ros_type="baxter_core_msgs/EndEffectorCommand"):
+    """A command to a gripper; ``args`` is a JSON object, opening, forces and speed in percent of their largest."""
+
+    id: int
+    command: str
+    args: str
+    sender: str
+    sequence: int
+
+
+class EndEffectorProperties(Message, ros_type="baxter_core_msgs/EndEffectorProperties"):
+    """What kind of gripper is mounted, and what it can."""
+
+    NO_GRIPPER: ClassVar[int] = 0
+    SUCTION_CUP_GRIPPER: ClassVar[int] = 1
+    ELECTRIC_GRIPPER: ClassVar[int] = 2
+    PASSIVE_GRIPPER: ClassVar[int] = 3
+    id: int
+    ui_type: int
+    manufacturer: str
+    product: str
+    serial_number: str
+    hardware_rev: str
+    firmware_rev: str
+    firmware_date: str
+    has_calibration: bool
+    controls_grip: bool
+    senses_grip: bool
+    reverses_grip: bool
+    controls_force: bool
+    senses_force: bool
+    controls_position: bool
+    senses_position: bool
+    properties: str
 
 
 class URDFConfiguration(Message, ros_type="baxter_core_msgs/URDFConfiguration"):

@@ -49,6 +49,10 @@ ACTS = {
 ON_LIMB = {
     "cuff": ("LIMB", "a person squeezes a cuff ('cuff off' lets go of all)"),
     "push": ("LIMB FX FY FZ [S]", "a person pushes a hand, base axes [N], for S seconds (default 1)"),
+    "thing": ("LIMB WIDTH", "something WIDTH m wide is between a gripper's fingers ('thing off': nothing)"),
+    "gripper-uncalibrated": ("LIMB", "a gripper has lost its calibration"),
+    "gripper-error": ("LIMB", "a gripper reports an error and stands"),
+    "gripper-silent": ("LIMB", "a gripper publishes no state"),
 }
 """What happens to one limb: what follows the name, and what it is."""
 
@@ -118,7 +122,7 @@ def parse_fault(text: str, limbs: tuple[str, ...]) -> InjectedFault:
 def _on_limb(
     at: float | None, name: str, rest: list[str], text: str, limbs: tuple[str, ...]
 ) -> InjectedFault:
-    counts = (1,) if name == "cuff" else (4, 5)
+    counts = {"push": (4, 5), "thing": (2,)}.get(name, (1,))
     if len(rest) not in counts or rest[0] not in limbs:
         words, what = ON_LIMB[name]
         raise BadInput(f"fault '{text}': {what} (valid: {name} {words}, limbs {', '.join(limbs)})")

@@ -15,6 +15,7 @@ from impedance_modules.arrays import Array
 from impedance_modules.backends.baxter import topics
 from impedance_modules.backends.baxter.ros import messages
 from impedance_modules.backends.baxter.ros.messages import Message
+from impedance_modules.backends.baxter.simulator.electric_gripper import ElectricGripper, properties
 from impedance_modules.backends.baxter.simulator.joint_boards import CommandMode, LimbActivity
 from impedance_modules.backends.baxter.simulator.parameters import (
     DEFAULT_RATE,
@@ -166,6 +167,10 @@ class MessageBuilder:
         arms = tuple(name for name in near if name in robot.limbs)
         return messages.CollisionAvoidanceState(self.header(stamp, ""), bool(arms), near)
 
+    def gripper(self, limb: str) -> ElectricGripper | None:
+        """A limb's electric gripper; None where it has none."""
+        return self._robot.grippers.get(limb)
+
     def cuff(self, limb: Limb) -> messages.DigitalIOState:
         """Whether the cuff is squeezed."""
         return messages.DigitalIOState(int(self._robot.cuffs[limb.name]), is_input_only=True)
@@ -219,7 +224,29 @@ def publications(builder: MessageBuilder, limbs: tuple[Limb, ...]) -> list[Publi
     ]
     for limb in limbs:
         found += _of_limb(builder, limb)
+        found += _of_gripper(builder, limb.name)
     return found
+
+
+def _of_gripper(builder: MessageBuilder, limb: str) -> list[Publication]:
+    """Lists the topics of a limb's gripper, by the node of the fingers."""
+    gripper = builder.gripper(limb)
+    if gripper is None:
+        return []
+    state, what = messages.EndEffectorState, messages.EndEffectorProperties
+    return [
+        Publication(
+            topics.gripper_state(limb), state, gripper.state, GRIPPER_RATE, GRIPPER_NODE, faulty=False
+        ),
+        Publication(
+            topics.gripper_properties(limb),
+            what,
+            lambda _: properties(),
+            SLOW_RATE,
+            GRIPPER_NODE,
+            faulty=False,
+        ),
+    ]
 
 
 def bounded_rate(requested: float) -> float:

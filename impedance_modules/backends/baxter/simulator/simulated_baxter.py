@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from impedance_modules.arrays import Array
+from impedance_modules.backends.baxter.gripper_link import KIND
 from impedance_modules.backends.baxter.simulator.assembly_state import PowerMachine
 from impedance_modules.backends.baxter.simulator.collision_safety import (
     ForceField,
@@ -21,6 +22,7 @@ from impedance_modules.backends.baxter.simulator.collision_safety import (
     Suppressions,
     contact_sense,
 )
+from impedance_modules.backends.baxter.simulator.electric_gripper import ElectricGripper
 from impedance_modules.backends.baxter.simulator.joint_boards import (
     INERTIA_TICKS,
     BoardRequest,
@@ -60,6 +62,7 @@ class SimulatedBaxter:
         suppressions: Name -> safety functions that are switched off.
         cuffs: Name -> whether its cuff is squeezed.
         pushes: Name -> push that acts on it, or None.
+        grippers: Name -> its electric gripper, of limbs that have one.
         colliding: Name -> why it pauses, ``impact`` or ``squish``; empty while it does not.
         field: Collision avoidance.
         kinematics: Of the hands, at the last update of ``field``.
@@ -89,6 +92,11 @@ class SimulatedBaxter:
         self.suppressions = {name: Suppressions() for name in limbs}
         self.cuffs = dict.fromkeys(limbs, False)
         self.pushes: dict[str, HandPush | None] = dict.fromkeys(limbs)
+        self.grippers = {
+            name: ElectricGripper(limb.gripper)
+            for name, limb in model.spec.limbs.items()
+            if limb.gripper is not None and limb.gripper.kind == KIND
+        }
         self.colliding = dict.fromkeys(limbs, "")
         self._senses = {name: contact_sense(limb.short_names) for name, limb in limbs.items()}
         self.kinematics = Kinematics(model, tuple(limb.hand for limb in limbs.values()))
@@ -171,6 +179,8 @@ class SimulatedBaxter:
         for name, drive in self.limbs.items():
             self._update_limb(name, drive)
         self.plant.drive(self._boards.orders(self.state, self._board_requests(), self.field.torque))
+        for gripper in self.grippers.values():
+            gripper.advance(TICK)
         self.state = self.plant.sense()
         self._ticks += 1
         self.now = self._ticks * TICK

@@ -22,6 +22,7 @@ from impedance_modules.backends.baxter.ros.transport import Publisher, Transport
 from impedance_modules.backends.baxter.simulator.assembly_state import ON
 from impedance_modules.backends.baxter.simulator.collision_safety import SUPPRESSIBLE, HandPush
 from impedance_modules.backends.baxter.simulator.fault_injection import (
+    ON_LIMB,
     InjectedFault,
     MessageFaults,
     parse_fault,
@@ -162,7 +163,7 @@ class SimulatorNode:
             return
         place = publication.key
         publisher = self._publishers[place]
-        if publisher.connections() == 0:
+        if publisher.connections() == 0 or self._silent(publication):
             return
         message = publication.make(stamp)
         if not due and _content(message) == _content(self._last.get(place)):
@@ -213,6 +214,8 @@ class SimulatorNode:
             self._inject_node_fault(fault, value)
         elif fault.name in ("cuff", "push"):
             self._inject_on_limb(fault)
+        elif fault.name in ON_LIMB:
+            self._inject_on_gripper(fault)
         else:
             acts = {
                 "estop": robot.machine.press,
@@ -230,6 +233,25 @@ class SimulatorNode:
         elif fault.limb is not None:
             lasts = fault.numbers[3] if len(fault.numbers) > 3 else PUSH_TIME
             robot.pushes[fault.limb] = HandPush(np.array(fault.numbers[:3]), robot.now + lasts)
+
+    def _inject_on_gripper(self, fault: InjectedFault) -> None:
+        """Faults of one gripper; off, of all."""
+        for limb, gripper in self.robot.grippers.items():
+            if fault.on and limb != fault.limb:
+                continue
+            if fault.name == "thing":
+                gripper.body.thing = fault.numbers[0] if fault.on else None
+            elif fault.name == "gripper-uncalibrated":
+                gripper.calibrated = not fault.on
+            elif fault.name == "gripper-error":
+                gripper.error = fault.on
+            else:
+                gripper.silent = fault.on
+
+    def _silent(self, publication: Publication) -> bool:
+        """Whether a topic is that of a gripper which publishes no state."""
+        silent = (topics.gripper_state(limb) for limb, it in self.robot.grippers.items() if it.silent)
+        return publication.topic in silent
 
     def _inject_node_fault(self, fault: InjectedFault, value: float) -> None:
         """Faults of nodes and registrations."""
@@ -318,5 +340,12 @@ def _subscribe_limb(node: Transport, robot: SimulatedBaxter, limb: str) -> None:
         messages.Float64,
         lambda m, _: post(partial(drive.set_speed_ratio, m.data)),
     )
+    gripper = robot.grippers.get(limb)
+    if gripper is not None:
+        node.subscribe(
+            topics.gripper_command(limb),
+            messages.EndEffectorCommand,
+            lambda m, _: post(partial(gripper.take, m)),
+        )
     for name in SUPPRESSIBLE:
         node.subscribe(topics.suppression(limb, name), messages.Empty, request(name))
