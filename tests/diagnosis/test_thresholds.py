@@ -30,7 +30,7 @@ def test_the_list_says_what_a_number_decides_and_takes_pairs_apart() -> None:
     assert re.search(r"residuals/band.py:\d+ +BAND_MIN +3.0", text) and re.search(r"BAND_MAX +20.0", text)
 
 
-@pytest.mark.parametrize("word", ["BIC_MIN", "NO_SUCH=1", "LEAST=0", "SHAPE_PRIOR=1", "BIC_MIN=much"])
+@pytest.mark.parametrize("word", ["BIC_MIN", "NO_SUCH=1", "LEAST=0", "EDGES=1", "BIC_MIN=much"])
 def test_a_change_that_names_no_single_number_is_refused(word: str) -> None:
     with pytest.raises(ValueError, match=r"valid: NAME=VALUE|could not convert"):
         changes_of([word])

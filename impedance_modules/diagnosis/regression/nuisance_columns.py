@@ -4,7 +4,6 @@ r"""What every recording may be wrong by without that being a finding: small err
 - each link's ten inertial parameters (\pm 3 %), and, of the weights that the robot compensates, \pm 3 %;
 - the instant in a period at which commands, efforts and velocities are stamped (\pm a fifth, a tenth, a quarter of a
   sample: a driver that differentiates backwards is half a sample late, an engine's half step is a part of it);
-- the shape of the filter of reported velocities, beyond its time (an observer has two poles);
 - what the grid of a torque reading does to a torque of a few steps, once (\pm 1): it returns in every repeat.
 
 Every column is scaled to one standard deviation of its prior, so that the prior is a unit circle.
@@ -37,10 +36,6 @@ READING_PRIOR = 0.1
 
 SPEED_PRIOR = 0.25
 """Likewise of the reported velocities."""
-
-SHAPE_PRIOR = (0.5, 1.0)
-"""Likewise of how the velocities' filter differs from a lag of first order, over the second and third order of that
-lag: an observer of two poles has half as much of the one, and twice as much of the other."""
 
 GRID_PRIOR = 1.0
 """Standard deviation of what the grid of an effort adds, over what it would add to the model's torque."""
@@ -163,11 +158,6 @@ def _kinds(first: Prepared, prior: Array) -> tuple[_Kind, ...]:
             lambda item, group: (
                 SPEED_PRIOR * period * item.band.condense(item.signals.acceleration[:, [group[1]]])
             ),
-        ),
-        _Kind(
-            len(SHAPE_PRIOR),
-            lambda group: group[0] == "velocity",
-            lambda item, group: item.shape_nuisance[:, group[1]] * np.array(SHAPE_PRIOR),
         ),
         _Kind(
             first.signals.n,

@@ -50,7 +50,6 @@ class Prepared:
         weight_nuisance: (M, n, 10 n) likewise of the weight alone, which the robot compensates.
         timing_nuisance: (M, n) change of the residual per second of additional command delay.
         reading_nuisance: (M, n) change of the effort per second that its readings are early.
-        shape_nuisance: (M, n, 2) change of the reported velocity by another filter of the same time [rad/s].
         grid_nuisance: (M, n) what the grid of an effort would add to the torque that the model needs [N.m].
         time, position, velocity, acceleration, load: (M,) or (M, n) for regimes and ranges.
     """
@@ -64,7 +63,6 @@ class Prepared:
     weight_nuisance: Array
     timing_nuisance: Array
     reading_nuisance: Array
-    shape_nuisance: Array
     grid_nuisance: Array
     time: Array
     position: Array
@@ -125,7 +123,6 @@ def prepare(
             signals.rate_of(signals.drive if signals.drive is not None else 0.0 * q)
         ),
         reading_nuisance=band.condense(signals.rate_of(0.0 * q if effort is None else effort)),
-        shape_nuisance=band.condense(_filter_shape(signals, model.velocity_filter)),
         grid_nuisance=band.condense(_grid_errors(log, model, signals, torque)),
         time=band.pick(signals.time),
         position=band.pick(q),
@@ -133,16 +130,6 @@ def prepare(
         acceleration=band.pick(a),
         load=band.pick(load),
     )
-
-
-def _filter_shape(signals: Signals, time_constant: float) -> Array:
-    """Second and third order of a filter of velocities of this time, (N, n, 2) [rad/s].
-
-    By series in s a filter is 1 - T s + c_2 (T s)^2 + c_3 (T s)^3. Who states its time states one order only.
-    """
-    late = max(time_constant, float(signals.time[1] - signals.time[0]))
-    jerk = signals.rate_of(signals.acceleration)
-    return np.stack([late**2 * jerk, late**3 * signals.rate_of(jerk)], axis=-1)
 
 
 def _grid_errors(log: Log, model: NominalModel, signals: Signals, torque: Array) -> Array:
