@@ -50,6 +50,7 @@ TABLE = {
     Event.TANK_STARVED: (StopLevel.DAMP, 0.5),
     Event.POSITION_LIMIT: (StopLevel.DAMP, 0.5),
     Event.PHASE_NOT_MET: (StopLevel.DAMP, 0.5),
+    Event.GRIPPER_FAILED: (StopLevel.DAMP, 0.5),
     Event.INTERRUPT: (StopLevel.DAMP, 0.5),
     Event.OTHER_ARM: (StopLevel.DAMP, 0.5),
     Event.COLLISION: (StopLevel.HOLD, None),

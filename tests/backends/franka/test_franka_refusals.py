@@ -84,18 +84,19 @@ def test_problems_of_a_connection_file_have_their_line(tmp_path) -> None:
 
 def test_taking_what_has_arrived_never_waits_whatever_time_out_other_libraries_set(monkeypatch) -> None:
     """As rospy sets one for all new sockets: a robot that reports on and on would be listened to for ever."""
+    import os
     import socket
+    import subprocess
 
     from impedance_modules.backends.franka import arm_link
+    from impedance_modules.backends.franka.arm_link import ArmWatch
 
     kept = []
-    monkeypatch.setattr(
-        arm_link, "_start", lambda address, theirs, watch, *, realtime: kept.append(theirs.dup())
-    )
+    monkeypatch.setattr(subprocess, "Popen", lambda words, pass_fds, **rest: kept.append(os.dup(pass_fds[0])))
     before = socket.getdefaulttimeout()
     socket.setdefaulttimeout(60.0)
     try:
-        link = arm_link.ArmLink("right", "127.0.0.1", None, realtime=False)
+        link = arm_link.ArmLink("right", "127.0.0.1", ArmWatch(), realtime=False)
     finally:
         socket.setdefaulttimeout(before)
     link.drain()
