@@ -11,12 +11,11 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from benchmarks.backends.fr3_box import LIMBS, PATCH, TASK, BoxRun, is_like, run_on_arms, run_simulated
+from benchmarks.backends.fr3_box import PATCH, BoxRun, is_like, run_on_arms, run_simulated
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.runs.verify import verify
 from impedance_modules.spec.patch_file import read_patch
 from impedance_modules.spec.robot_reader import read_robot
-from impedance_modules.spec.task_reader import read_task
 from tests.support.franka_robot import assets
 from tests.support.franka_simulator import NO_FRANKA
 from tests.support.paths import CHECKOUT
@@ -25,8 +24,6 @@ needs_arms = pytest.mark.skipif(bool(NO_FRANKA), reason=NO_FRANKA)
 
 RATE, SLOWER = 200.0, 4.0
 """Of the control loop [Hz], and how much slower than real time the arms' clock goes: for two cores that are shared."""
-
-G = 9.81
 
 
 @pytest.fixture(scope="module")
@@ -69,11 +66,6 @@ def test_simulated_arms_carry_the_box_as_the_plant_does(plant: BoxRun, tmp_path:
     # Not the plant's recording in another name: sensors without noise, and a box that was handed over.
     for hand, path in arms.episode.pose.items():
         assert np.abs(path[:100, :3] - plant.episode.pose[hand][:100, :3]).max() > 0.0
-    held = read_task(str(TASK))[0].object
-    assert held is not None
-    last = np.asarray(arms.episode.phase) == "aside"
-    upward = sum(arms.episode.wrench[f"{limb}_fr3_hand_tcp"][last, 2].mean() for limb in LIMBS)
-    assert abs(upward + held.mass * G) < 8.0, "the hands do not carry the box"
 
 
 @needs_arms
