@@ -50,12 +50,6 @@ def test_mujoco_carries_the_box_as_the_plant_does(plant: BoxRun, tmp_path: Path)
     assert not is_like(plant, BoxRun(other.episode, fewer))
 
 
-@pytest.mark.long
-def test_hands_that_squeeze_the_box_are_not_kept_apart_by_their_distance(plant: BoxRun) -> None:
-    """The box pushes back, which is measured: the filter leaves the squeeze alone, at any of the phases."""
-    assert plant.summary["filter"]["reductions"] == []
-
-
 @needs_arms
 @pytest.mark.realtime
 def test_simulated_arms_carry_the_box_as_the_plant_does(plant: BoxRun, tmp_path: Path) -> None:
