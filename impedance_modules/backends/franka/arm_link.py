@@ -18,7 +18,7 @@ from impedance_modules.backends.franka.arm_messages import (
     pack_order,
     unpack,
 )
-from impedance_modules.backends.franka.processes import end_process, start_process
+from impedance_modules.backends.franka.processes import arrived, end_process, start_process
 from impedance_modules.errors import RobotRefused, RobotStopped
 from impedance_modules.safety.stop_levels import Event
 from impedance_modules.spec.connection_file import ArmWatch
@@ -65,17 +65,11 @@ class ArmLink:
 
     def drain(self) -> None:
         """Takes everything that has arrived; never waits."""
-        while True:
-            try:
-                message = self._channel.recv(LARGEST, socket.MSG_DONTWAIT)
-            except BlockingIOError:
-                return
-            except OSError:
-                message = b""
-            if not message:
+        for message in arrived(self._channel, LARGEST):
+            if message:
+                self._take(unpack(message))
+            else:
                 self._note_stop(Event.BACKEND_LOST, "its process has ended")
-                return
-            self._take(unpack(message))
 
     def order(self, kind: OrderKind, values: Sequence[float] | None = None) -> None:
         """Sends an order, which answers the newest state; dropped without room for it: the next one replaces it."""

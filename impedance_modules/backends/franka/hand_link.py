@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from impedance_modules.backends.franka.hand_process import LARGEST
-from impedance_modules.backends.franka.processes import end_process, start_process
+from impedance_modules.backends.franka.processes import arrived, end_process, start_process
 from impedance_modules.backends.grippers import GripperReport, GripperSample, OrderedGripper
 from impedance_modules.errors import RobotRefused
 from impedance_modules.spec.gripper_spec import GripperMotion, GripperSpec
@@ -83,17 +83,11 @@ class HandLink:
 
     def _drain(self) -> None:
         """Takes everything that has arrived; never waits."""
-        while True:
-            try:
-                message = self._channel.recv(LARGEST, socket.MSG_DONTWAIT)
-            except BlockingIOError:
-                return
-            except OSError:
-                message = b""
-            if not message:
+        for message in arrived(self._channel, LARGEST):
+            if message:
+                self._take(json.loads(message))
+            else:
                 self._fail("its process has ended")
-                return
-            self._take(json.loads(message))
 
     def _take(self, said: Mapping[str, Any]) -> None:
         if "error" in said:

@@ -7,7 +7,7 @@ import os
 import socket
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import impedance_modules
@@ -40,6 +40,23 @@ def start_process(
     )
     theirs.close()
     return ours, process
+
+
+def arrived(channel: socket.socket, longest: int) -> Iterator[bytes]:
+    """Yields every message of at most ``longest`` bytes that has arrived; never waits.
+
+    An empty one comes last where the process has ended.
+    """
+    while True:
+        try:
+            message = channel.recv(longest, socket.MSG_DONTWAIT)
+        except BlockingIOError:
+            return
+        except OSError:
+            message = b""
+        yield message
+        if not message:
+            return
 
 
 def end_process(process: subprocess.Popen[bytes]) -> None:

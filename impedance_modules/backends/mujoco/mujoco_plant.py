@@ -262,7 +262,7 @@ class MujocoPlant:
         drive.settle(motion)
 
     def _motion(self) -> JointMotion:
-        """What a drive sees of the joints."""
+        """What the drives' path reads: the command that acts, and with it what the robot adds by itself."""
         self._seen.time = self.time
         np.add(self._command, self._assist, out=self._seen.drive)
         return self._seen
