@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Two FR3 carry a box: on the built-in plant, on MuJoCo and on simulated arms over the maker's protocol.
 
-    python -m benchmarks.backends.fr3_box [--rate 1000] [--runs 3] [--slower 1]
+    python -m benchmarks.backends.fr3_box [--rate 1000] [--runs 3] [--slower 1] [--priority 50]
 
 The task is tests/data/fr3-box.yaml. The simulated arms (franky-sim) have dry friction, so plant and MuJoCo have it too:
 robots/fr3-pair/patches/simulated-dry-friction.yaml. Table and box are added to that simulator's scene, and a person who
@@ -9,7 +9,8 @@ holds the box for 0.8 s of the first phase (tests/support/franka_scene.py). How 
 is counted phase by phase, from the start of each: contact is not felt at the same moment everywhere.
 
 A run on the simulated arms that the load of the machine stopped is repeated, which is said. ``--slower 5`` lets the
-clock of the simulated arms go five times slower, for busy machines.
+clock of the simulated arms go five times slower, for busy machines; ``--priority 50`` gives the run on these arms, not
+their simulator, that real-time priority (SCHED_FIFO, by chrt; root, or a user who may).
 """
 
 from __future__ import annotations
@@ -116,19 +117,40 @@ def is_like(reference: BoxRun, run: BoxRun) -> bool:
     )
 
 
-def run_once(out: Path, *words: object, slower: float = 1.0) -> BoxRun:
+@dataclass(frozen=True)
+class Pace:
+    """How the run on simulated arms shares the machine with their simulator.
+
+    Attributes:
+        slower: By which factor the arms' clock goes slower than ours.
+        priority: Real-time priority of the run; None for none.
+    """
+
+    slower: float = 1.0
+    priority: int | None = None
+
+    @property
+    def command(self) -> list[str]:
+        """The program that a run is started with."""
+        first = [] if self.priority is None else ["chrt", "--fifo", str(self.priority)]
+        program = (
+            ["impedance_modules"] if self.slower == 1.0 else ["tests.support.slow_clock", f"{self.slower:g}"]
+        )
+        return [*first, sys.executable, "-m", *program]
+
+
+def run_once(out: Path, *words: object, pace: Pace = Pace()) -> BoxRun:
     """Carries the task out once, by the command line.
 
     Args:
         out: For its files.
         words: Of the command, beyond the task.
-        slower: By which factor the robots' clock goes slower than ours.
+        pace: How it shares the machine.
 
     Raises:
         NotCarriedOutError: It was refused or stopped.
     """
-    program = ["impedance_modules"] if slower == 1.0 else ["tests.support.slow_clock", f"{slower:g}"]
-    command = [sys.executable, "-m", *program, "run", str(TASK), *map(str, words), "--out", str(out)]
+    command = [*pace.command, "run", str(TASK), *map(str, words), "--out", str(out)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     written = out / "summary.json"
     summary = json.loads(written.read_text()) if written.exists() else {}
@@ -143,17 +165,17 @@ def run_simulated(out: Path, backend: str, rate: float, seed: int) -> BoxRun:
     return run_once(out, "--backend", backend, "--effects", PATCH, "--rate", rate, "--seed", seed)
 
 
-def run_on_arms(out: Path, rate: float, slower: float) -> BoxRun:
+def run_on_arms(out: Path, rate: float, pace: Pace) -> BoxRun:
     """On simulated FR3 over the maker's protocol; again, with new arms, where the machine's load stopped a run."""
     for attempt in range(1, ATTEMPTS + 1):
         folder = out / str(attempt)
         folder.mkdir(parents=True)
-        with simulated_arms(len(LIMBS), f"--task={TASK}", f"--slower={slower:g}") as arms:
+        with simulated_arms(len(LIMBS), f"--task={TASK}", f"--slower={pace.slower:g}") as arms:
             connection = folder / "connection.yaml"
-            connection.write_text(arms.connection(LIMBS, watch(slower)))
+            connection.write_text(arms.connection(LIMBS, watch(pace.slower)))
             words = ("--backend", "franka", "--connection", connection, "--rate", rate)
             try:
-                return run_once(folder / "run", *words, slower=slower)
+                return run_once(folder / "run", *words, pace=pace)
             except NotCarriedOutError as failure:
                 if attempt == ATTEMPTS or not TOO_SLOW.search(str(failure)):
                     raise
@@ -177,14 +199,14 @@ def table(name: str, reference: BoxRun, runs: list[BoxRun]) -> Iterator[str]:
         yield f"| {name} | {phase} | {' | '.join(cells)} | {1e3 * LIMITS[phase == TOUCHING]:g} |"
 
 
-def compare(folder: Path, rate: float, runs: int, slower: float) -> bool:
+def compare(folder: Path, rate: float, runs: int, pace: Pace) -> bool:
     """Carries everything out and prints; returns whether all runs reached their end within the limits."""
     reference = run_simulated(folder / "plant", "sim", rate, 0)
     print(f"built-in plant, {reference.account()}", flush=True)
     ways: dict[str, Callable[[int], BoxRun]] = {
         "built-in plant": lambda k: run_simulated(folder / f"plant-{k}", "sim", rate, 1 + k),
         "MuJoCo": lambda k: run_simulated(folder / f"mujoco-{k}", "mujoco", rate, k),
-        "simulated FR3": lambda k: run_on_arms(folder / f"arms-{k}", rate, slower),
+        "simulated FR3": lambda k: run_on_arms(folder / f"arms-{k}", rate, pace),
     }
     rows, fine = list[str](), True
     for name, way in ways.items():
@@ -217,9 +239,11 @@ def main() -> int:
     parser.add_argument("--rate", type=float, default=1000.0, help="of the control loop [Hz]")
     parser.add_argument("--runs", type=int, default=3, help="on each backend")
     parser.add_argument("--slower", type=float, default=1.0, help="the simulated arms' clock, by this factor")
+    parser.add_argument("--priority", type=int, help="real-time priority of the run on the simulated arms")
     asked = parser.parse_args()
     with TemporaryDirectory() as folder:
-        return 0 if compare(Path(folder), asked.rate, asked.runs, asked.slower) else 1
+        pace = Pace(asked.slower, asked.priority)
+        return 0 if compare(Path(folder), asked.rate, asked.runs, pace) else 1
 
 
 if __name__ == "__main__":
