@@ -28,7 +28,7 @@ from impedance_modules.effects.compensation_builder import CompensationBuilder, 
 from impedance_modules.effects.effect_description import Description, Port
 from impedance_modules.effects.joint_motion import JointSample, Shape, regularisation_velocity
 from impedance_modules.effects.plant_builder import PlantBuilder
-from impedance_modules.effects.recorded_signals import Signals
+from impedance_modules.effects.recorded_signals import DriveErrors, Signals
 from impedance_modules.effects.residual_kinds import COVERS, STAGE_OF_PORT, Residual, Stage
 from impedance_modules.effects.simulator_numbers import Exported
 from impedance_modules.spec.robot_spec import RobotSpec
@@ -198,13 +198,13 @@ class Effect(ABC):
         """
         return False
 
-    def noise_column(self, signals: Signals, joint: int, curvature: Array) -> Array | None:
-        """Gives what errors of the positions add to its column (M,); None where that is no more than to residuals.
+    def noise_column(self, signals: Signals, joint: int, errors: DriveErrors) -> Array | None:
+        """Gives what errors of the positions add to its column (M,); None where that does not matter.
 
         Args:
             signals: One recording.
             joint: Index of its joint.
-            curvature: (M, n) second derivative of the torque that such errors make of the links' [N.m/s^2].
+            errors: What such errors make of the drives' motion and load.
         """
         return None
 

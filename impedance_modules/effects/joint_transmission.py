@@ -26,7 +26,7 @@ from impedance_modules.effects.joint_motion import (
     sign,
 )
 from impedance_modules.effects.plant_builder import PlantBuilder
-from impedance_modules.effects.recorded_signals import Signals
+from impedance_modules.effects.recorded_signals import DriveErrors, Signals
 from impedance_modules.effects.residual_kinds import Residual
 from impedance_modules.effects.simulator_numbers import one_number
 from impedance_modules.errors import BadInput
@@ -84,6 +84,10 @@ class ReflectedInertia(Effect):
         signals, joint = site.signals, site.joint
         lowest = -float(signals.reflected_inertia[joint])
         return one_row(joint, signals.motor_acceleration[:, joint], lower=lowest)
+
+    def noise_column(self, signals: Signals, joint: int, errors: DriveErrors) -> Array | None:
+        """The accelerations' noise: the residual has it with the opposite sign, which makes a rotor look lighter."""
+        return np.asarray(errors.acceleration[:, joint])
 
     def coefficients(self, values: Values, site: Site) -> tuple[Array, dict[str, float]]:
         """Coefficient Ia - I_r."""
@@ -146,9 +150,9 @@ class JointElasticity(Effect):
         """Where no sensor measures the torque that bends the spring, it is computed from accelerations."""
         return not signals.measures_springs
 
-    def noise_column(self, signals: Signals, joint: int, curvature: Array) -> Array | None:
+    def noise_column(self, signals: Signals, joint: int, errors: DriveErrors) -> Array | None:
         """Its load is computed from accelerations, also where a sensor reads it: that reading has noise of its own."""
-        return np.asarray(signals.reflected_inertia[joint] * curvature[:, joint])
+        return np.asarray(signals.reflected_inertia[joint] * errors.load_curvature[:, joint])
 
     def coefficients(self, values: Values, site: Site) -> tuple[Array, dict[str, float]]:
         """Coefficient 1/K - 1/K_nominal."""

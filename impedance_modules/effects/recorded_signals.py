@@ -38,6 +38,19 @@ def differentiate(values: Array, time: Array) -> Array:
     return plain
 
 
+@dataclass(frozen=True, eq=False)
+class DriveErrors:
+    """What errors of the positions make of the drives' columns, (M, n) each.
+
+    Attributes:
+        acceleration: Of the motors [rad/s^2].
+        load_curvature: Second derivative of the torque that the links would need [N.m/s^2].
+    """
+
+    acceleration: Array
+    load_curvature: Array
+
+
 @dataclass(frozen=True)
 class Signals:
     r"""One recording, all (N, n) in the rigid model's joint order.

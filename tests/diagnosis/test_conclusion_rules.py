@@ -149,8 +149,21 @@ def test_a_tone_in_the_remainder_is_found_at_its_frequency() -> None:
     assert frequency == pytest.approx(7.0, abs=0.04) and ratio > 100.0
     # A constant is no tone.
     assert remainder._tone([part + 5.0 for part in noise], RATE)[1] < remainder.TONE_MAX
-    power = np.sum([np.abs(np.fft.rfft(part[:3000])) ** 2 for part in noise], axis=0)
-    assert remainder._tone(noise, RATE)[1] == pytest.approx(power[1:].max() / np.median(power))
+
+
+def test_noise_of_another_colour_and_what_is_below_the_noise_are_no_tones() -> None:
+    random = np.random.default_rng(2)
+    time = np.arange(6000) / RATE
+    white = random.standard_normal(6000)
+    spectrum = np.fft.rfft(white)
+    frequency = np.fft.rfftfreq(6000, 1.0 / RATE)
+    raised = np.fft.irfft(spectrum * (1.0 + 5.0 * np.exp(-(((frequency - 18.0) / 3.0) ** 2))), 6000)
+    plain = np.abs(np.fft.rfft(raised)) ** 2
+    assert plain.max() / np.median(plain) > 3.0 * remainder.TONE_MAX  # a median of all frequencies is fooled
+    assert remainder._tone([raised], RATE)[1] < remainder.TONE_MAX
+    line = np.sin(2.0 * np.pi * 18.0 * time)
+    assert remainder._tone([raised + 2.0 * line], RATE)[1] > remainder.TONE_MAX
+    assert remainder._tone([0.005 * (white + 2.0 * line)], RATE)[1] < 1.0
 
 
 def test_a_moment_in_the_remainder_is_found() -> None:
@@ -162,7 +175,8 @@ def test_a_moment_in_the_remainder_is_found() -> None:
     blocks += [np.sum(noise[1][50 * k : 50 * (k + 1)] ** 2) for k in range(13)] + [
         np.sum(noise[1][650:] ** 2)
     ]
-    assert quiet == pytest.approx(max(blocks) / np.median(blocks))
+    assert quiet == pytest.approx(max(blocks) / max(np.median(blocks), 50.0))
+    assert remainder._moment([0.1 * part for part in noise], RATE) == pytest.approx(max(blocks) / 5000.0)
     noise[0][300:320] += 12.0
     assert remainder._moment(noise, RATE) > 20.0
 

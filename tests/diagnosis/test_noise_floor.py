@@ -17,6 +17,7 @@ from impedance_modules.diagnosis.regression.sensor_noise import (
     _sensor_noise_ratio,
     read_noise,
 )
+from impedance_modules.diagnosis.regression.whitening import ORDER, Whitening
 
 GROUP = ("link", 0)
 SIZE = 0.3
@@ -25,13 +26,18 @@ TIME = np.arange(0.0, 28.0, 1.0 / RATE)
 FLEXIBLE = np.column_stack([np.sin(k * TIME) for k in range(1, 30)] + [np.cos(k * TIME) for k in range(30)])
 
 
-def floor_of(noise: np.ndarray, X: np.ndarray, made: np.ndarray, monkeypatch) -> float:
+def whitening_by(noise: np.ndarray, X: np.ndarray, made: np.ndarray, monkeypatch) -> Whitening:
     """Weak floor of one recording's residual beside columns, its positions' noise made up."""
     monkeypatch.setattr(judged, "made_by_positions", lambda *_: SimpleNamespace(of=lambda _: made))
     item = SimpleNamespace(band=SimpleNamespace(cutoff=4.0, step=20, rate=200.0))
     nuisance = NuisanceColumns((GROUP,), 0, (np.zeros(0, int),), ((np.zeros((len(noise), 0)),),), {})
     regressor = CandidateRegressor(None, {}, ("generic", "link.0", "random"), [{GROUP: X}])
-    return float(judged.noise_by_smoothness([[noise]], [item], nuisance, [regressor], [0]).rms[0, 0])
+    return judged.noise_by_smoothness([[noise]], [item], nuisance, [regressor], [0])
+
+
+def floor_of(noise: np.ndarray, X: np.ndarray, made: np.ndarray, monkeypatch) -> float:
+    """Its rms."""
+    return float(whitening_by(noise, X, made, monkeypatch).rms[0, 0])
 
 
 @pytest.mark.parametrize("columns", [5, 60, 300])
@@ -49,6 +55,21 @@ def test_a_column_that_holds_the_noise_does_not_hide_it(monkeypatch) -> None:
     noise, other = random.normal(scale=SIZE, size=(2, 400))
     assert floor_of(noise, noise[:, None], 0.0 * noise, monkeypatch) < 0.1 * SIZE
     assert floor_of(noise, noise[:, None], other, monkeypatch) == pytest.approx(SIZE, rel=0.1)
+
+
+def test_noise_where_the_motion_is_stays_as_white_as_elsewhere(monkeypatch) -> None:
+    """A flexible model takes slow noise away; a whitening of what is left would call slow noise a finding."""
+    random = np.random.default_rng(9)
+    ratios = []
+    for _ in range(6):
+        noise, fresh = random.normal(scale=SIZE, size=(2, len(TIME)))
+        whitening = whitening_by(noise, FLEXIBLE, np.zeros(len(TIME)), monkeypatch)
+        power = np.abs(np.fft.rfft(whitening.apply(fresh, 0, 0))) ** 2
+        frequency = np.fft.rfftfreq(len(TIME) - ORDER, 1.0 / RATE)
+        ratios.append(
+            np.mean(power[frequency < 3.0]) / np.mean(power[(frequency > 6.0) & (frequency < 18.0)])
+        )
+    assert np.mean(ratios) == pytest.approx(1.0, abs=0.2)
 
 
 def test_position_noise_is_read_beside_motion() -> None:

@@ -10,6 +10,7 @@ from impedance_modules.diagnosis.model_selection import plausibility
 from impedance_modules.diagnosis.model_selection.naming import ranked_terms
 from impedance_modules.diagnosis.model_selection.plausibility import Plausibility
 from impedance_modules.effects.catalogue import CATALOGUE
+from impedance_modules.effects.recorded_signals import DriveErrors
 
 BODY = np.array([2.0, 0.0, 0.0, 0.0, 0.02, 0.0, 0.02, 0.0, 0.0, 0.02])
 """Mass, mass times centre, moments about the origin as the package orders them, of a small ball."""
@@ -145,12 +146,12 @@ def test_a_cause_is_credited_with_what_it_explains_beyond_the_stronger_ones() ->
     assert [gain for _, gain in found] == pytest.approx([6.0, 1.5, 1e-12])
 
 
-def noisy(seed: int) -> tuple[SimpleNamespace, tuple[SimpleNamespace, ...]]:
-    """A trial of an elasticity fitted to a clean joint whose accelerations are noise, as is their curvature."""
+def noisy(seed: int, effect: str) -> tuple[SimpleNamespace, tuple[SimpleNamespace, ...]]:
+    """A trial of a drive's effect fitted to a clean joint whose accelerations are noise, as is their curvature."""
     random = np.random.default_rng(seed)
     acceleration = np.convolve(random.standard_normal(2004), np.ones(5) / 5.0, mode="valid")
     curvature = 100.0 * np.gradient(np.gradient(acceleration))
-    column = 0.5 * curvature
+    column = 0.5 * curvature if effect == "joint_elasticity" else acceleration
     items = (
         SimpleNamespace(
             signals=SimpleNamespace(reflected_inertia=np.array([0.5])), noise=(acceleration, curvature)
@@ -159,7 +160,7 @@ def noisy(seed: int) -> tuple[SimpleNamespace, tuple[SimpleNamespace, ...]]:
     whitening = SimpleNamespace(apply=lambda values, r, g: values)
     design = SimpleNamespace(groups=(("actuator", 0),), whitening=whitening)
     model_fit = SimpleNamespace(model=(), starts=(), design=design, fitted=(0,))
-    one = trial(effect=CATALOGUE["joint_elasticity"], model_fit=model_fit)
+    one = trial(effect=CATALOGUE[effect], model_fit=model_fit)
     one.term.layout.scale = np.ones(1)
     one.term.columns = ({0: column[:, None]},)
     own = float(column @ (-0.5 * acceleration) / (column @ column))
@@ -168,18 +169,22 @@ def noisy(seed: int) -> tuple[SimpleNamespace, tuple[SimpleNamespace, ...]]:
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_an_elasticity_that_noise_alone_makes_is_rejected(monkeypatch: pytest.MonkeyPatch, seed: int) -> None:
-    """Clean data give a stiffness that is positive and certain: errors in variables."""
+@pytest.mark.parametrize(("effect", "sign"), [("joint_elasticity", 1.0), ("reflected_inertia", -1.0)])
+def test_what_noise_alone_makes_is_rejected(
+    monkeypatch: pytest.MonkeyPatch, seed: int, effect: str, sign: float
+) -> None:
+    """Clean data give a stiffness that is positive, a rotor that is too light, both certain: errors in variables."""
 
     def errors(item: SimpleNamespace, _: int) -> SimpleNamespace:
         acceleration, curvature = item.noise
-        return SimpleNamespace(curvature=curvature[:, None], of=lambda group: -0.5 * acceleration)
+        drive = DriveErrors(acceleration[:, None], curvature[:, None])
+        return SimpleNamespace(drive=drive, of=lambda group: -0.5 * acceleration)
 
     monkeypatch.setattr(plausibility, "made_by_positions", errors)
-    clean, items = noisy(seed)
+    clean, items = noisy(seed, effect)
     signals = SimpleNamespace(measures_springs=True, spring_compliance=np.zeros(1))
     known = Plausibility(signals=signals, bodies={}, reach=1.0, pairs=(), resolution=0.0, prepared=items)
-    assert clean.in_sample.own[0] > 0.0
+    assert sign * clean.in_sample.own[0] > 0.0
     assert "noise alone" in str(known.implausible(clean))
     assert plausibility.made_by_noise(clean, items) == pytest.approx(clean.in_sample.own[0], rel=1e-9)
     soft = 3.0 * clean.in_sample.own

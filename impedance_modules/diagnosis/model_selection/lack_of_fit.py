@@ -11,9 +11,14 @@ the motion explains a part of it, or if a cause varies along its joint's positio
 
     r = \tau(t) (1 + a \sin N q + b \cos N q),      \tau the torque of an accepted cause at its joint.
 
-With P(f) the periodogram summed over recordings and E_k the power in half a second, max P / median P and
-max E / median E stay below about ten on clean recordings. The orders N go from one period over the travel to what the
-sampling can follow.
+With P(f) the periodogram summed over recordings and E_k the power in half a second, both are compared with a median,
+that of the neighbouring frequencies or of all moments, or with white noise of unit power where that is more:
+
+    P(f) / max(median P, n ln 2),      E_k / max(median E, n_k)
+
+stay below about ten on clean recordings, n and n_k the numbers of samples. (A line stands out of its neighbours; noise
+whose colour is known only roughly is high over a range of frequencies. What is below the noise is no finding.)
+The orders N go from one period over the travel to what the sampling can follow.
 """
 
 from __future__ import annotations
@@ -23,6 +28,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 from scipy.stats import f as fisher
 
 from impedance_modules.arrays import Array
@@ -57,7 +63,10 @@ GAIN, PART = 12.0, 0.05
 """Least penalised log-likelihood gain, and part of the residual, of a variation that is reported."""
 
 TONE_MAX = 16.0
-"""Largest ratio of one frequency's power to the median that noise reaches."""
+"""Largest ratio of one frequency's power to its neighbours' median that noise reaches."""
+
+NEIGHBOURS = 41
+"""Frequencies of which a median is taken: enough that noise changes it by less than a third."""
 
 MOMENT_MAX = 20.0
 """Largest ratio of the power in half a second to the median that noise reaches."""
@@ -157,21 +166,23 @@ def find_structure(evidence: Evidence) -> str:
 
 
 def _tone(series: Sequence[Array], rate: float) -> tuple[float, float]:
-    """Frequency of the largest power [Hz] and its ratio to the median, all recordings together."""
+    """Frequency [Hz] that stands out most of its neighbours and of unit noise, and by what factor of power."""
     size = min(len(values) for values in series)
-    power = np.sum([np.abs(np.fft.rfft(values[:size])) ** 2 for values in series], axis=0)
-    place = int(np.argmax(power[1:])) + 1
-    return place * rate / size, float(power[place] / max(np.median(power), 1e-24))
+    power = np.sum([np.abs(np.fft.rfft(values[:size])) ** 2 for values in series], axis=0)[1:]
+    noise = np.log(2.0) * size * len(series)
+    ratio = power / np.maximum(median_filter(power, NEIGHBOURS, mode="nearest"), noise)
+    place = int(np.argmax(ratio))
+    return (place + 1) * rate / size, float(ratio[place])
 
 
 def _moment(series: Sequence[Array], rate: float) -> float:
-    """Largest power in half a second over the median."""
+    """Largest power in half a second over the median, or over unit noise."""
     size = max(2, round(MOMENT * rate))
     blocks = [
         np.add.reduceat(values**2, np.arange(0, max(len(values) - size + 1, 1), size)) for values in series
     ]
     power = np.concatenate(blocks)
-    return float(power.max() / max(np.median(power), 1e-24))
+    return float(power.max() / max(float(np.median(power)), size))
 
 
 def _generic_function(evidence: Evidence, small: NDArray[np.bool_]) -> CandidateTrial | None:

@@ -8,9 +8,9 @@ One of them is that its torque does not come back when the motion is repeated, a
 In slow motion accelerations are mostly noise of the velocity's reading that went through the controller's damping; an
 inertia or a lag fitted to them follows the very noise that the residual holds. Repeats tell: their noise differs.
 
-Without repeats, a column that differentiates positions twice more than the residual does is mostly their noise at the
-end of the band, and the residual holds the same. Least squares then find a coefficient without any cause (errors in
-variables), which follows from the noise of the positions alone:
+Without repeats, a column of accelerations, or of their second derivatives, holds the noise of the positions, and so
+does the residual. Least squares then find a coefficient without any cause (errors in variables: a rotor that looks
+lighter, a joint that looks elastic), which follows from the noise of the positions alone:
 
     b_n = \sum x_n \cdot y_n / \sum |x|^2,      x_n, y_n what that noise makes of column and residual
 """
@@ -138,7 +138,7 @@ def made_by_noise(trial: CandidateTrial, prepared: Sequence[Prepared]) -> float 
         errors = made_by_positions(item, r)
         for g in term.groups:
             residual, joint = design.groups[g]
-            column = effect.noise_column(item.signals, joint, errors.curvature)
+            column = effect.noise_column(item.signals, joint, errors.drive)
             if column is None:
                 return None
             both += float(

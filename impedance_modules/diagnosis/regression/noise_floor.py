@@ -24,7 +24,7 @@ from impedance_modules.diagnosis.regression.sensor_noise import (
     noise_ratios,
     unseen_rounding,
 )
-from impedance_modules.diagnosis.regression.whitening import Whitening, whitening_of
+from impedance_modules.diagnosis.regression.whitening import Whitening, spectrum, whitening_of
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 
 Mask = NDArray[np.bool_]
@@ -42,7 +42,10 @@ LEAST = 1e-24
 """Power that stands for none at all."""
 
 LEFT_MIN = 0.1
-"""Least part of all samples that is taken to be left of a flexible model."""
+"""Least part of all samples, and of the power at one frequency, that is taken to be left of a flexible model."""
+
+DRAWS = 8
+"""Series of white noise that show how much of the power at each frequency is left."""
 
 WINDOW = 0.5
 """Length of the windows whose power is compared [s]."""
@@ -288,16 +291,43 @@ def _left_by(  # noqa: PLR0917 - all of them belong together
     X, y = np.concatenate(blocks), np.concatenate([left[recording][index] for recording in recordings])
     X = X / (np.sqrt(np.mean(X**2, axis=0)) + 1e-12)
     ends = np.cumsum([len(block) for block in blocks])[:-1]
+    white = np.random.default_rng(index).standard_normal((len(y), DRAWS))
 
     def fit(weights: Array | None) -> tuple[list[Array], float]:
         weighted = X if weights is None else X * weights[:, None]
         power, axes = np.linalg.eigh(weighted.T @ X)
         power = np.maximum(power, 0.0)
         ridge = _ridge(power, len(y))
-        rest = y - X @ (axes @ ((axes.T @ (weighted.T @ y)) / (power + ridge)))
-        return list(np.split(rest, ends)), _used(power, ridge)
+        both = np.column_stack([y, white])
+        rest = both - X @ (axes @ ((axes.T @ (weighted.T @ both)) / (power + ridge)[:, None]))
+        pieces = np.split(rest, ends)
+        return _restored([piece[:, 0] for piece in pieces], [piece[:, 1:] for piece in pieces]), _used(
+            power, ridge
+        )
 
     return fit_robustly(fit, rate)
+
+
+def _restored(pieces: Sequence[Array], white: Sequence[Array]) -> list[Array]:
+    r"""Gives what a fit leaves of noise the noise's own colour back.
+
+    A flexible model takes away noise where the motion is, at low frequencies, and nearly none beyond. A filter that
+    whitens what is left would take the noise there for quieter than it is, and chance for a cause. What the same fit
+    leaves of white noise shows the part \rho(f) that is left, and each piece is filtered by \sqrt{\bar\rho / \rho(f)}.
+
+    Args:
+        pieces: (M,) each.
+        white: (M, k) what the fit leaves of white noise of unit power.
+    """
+    frequency, density = spectrum([column for piece in white for column in piece.T])
+    order = np.argsort(frequency)
+    left = np.maximum(density, LEFT_MIN)
+    gain = np.sqrt(np.mean(left) / left)
+    out = []
+    for piece in pieces:
+        own = np.interp(np.fft.rfftfreq(len(piece)), frequency[order], gain[order])
+        out.append(np.fft.irfft(np.fft.rfft(piece) * own, len(piece)))
+    return out
 
 
 def _ridge(power: Array, samples: int) -> float:

@@ -31,7 +31,7 @@ from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.rigid_dynamics import mass_matrix
 from impedance_modules.diagnosis.regression.candidates import Group
 from impedance_modules.diagnosis.residuals.preparation import Prepared
-from impedance_modules.effects.recorded_signals import differentiate
+from impedance_modules.effects.recorded_signals import DriveErrors, differentiate
 from impedance_modules.effects.residual_kinds import COVERS, EFFORT_SIGN, uses_motion
 
 LACKING = 0.5
@@ -61,7 +61,7 @@ class Rounding:
         snap: (M, n) second derivative of the acceleration in the band [rad/s^4].
         torque: (M, n) what the links would need for that acceleration [N.m].
         rotor: (M, n) what the rotors would [N.m].
-        curvature: (M, n) second derivative of ``torque`` [N.m/s^2].
+        drive: Of the drives' columns: the motors' acceleration, and the second derivative of ``torque``.
     """
 
     acceleration: Array
@@ -69,7 +69,7 @@ class Rounding:
     snap: Array
     torque: Array
     rotor: Array
-    curvature: Array
+    drive: DriveErrors
 
     @property
     def power(self) -> Array:
@@ -221,7 +221,8 @@ def _torques(item: Prepared, speed: Array, acceleration: Array, snap: Array) -> 
     turning = acceleration
     if not signals.measures_springs:
         turning = turning + signals.spring_compliance * curvature
-    return Rounding(acceleration, speed, snap, torque, signals.reflected_inertia * turning, curvature)
+    rotor = signals.reflected_inertia * turning
+    return Rounding(acceleration, speed, snap, torque, rotor, DriveErrors(turning, curvature))
 
 
 def _sensor_noise_ratio(prepared: Sequence[Prepared], pairs: Sequence[tuple[int, int]]) -> Array:

@@ -109,7 +109,7 @@ def whitening_of(
         power = max(sum(float(piece @ piece) for piece in pieces) / count * grow, 1e-24)
         taps = _autoregression(pieces, edge)
         left = [_filtered(piece, taps) for piece in pieces]
-        frequency, density = _spectrum(left)
+        frequency, density = spectrum(left)
         level = max(float(np.mean(density[frequency <= FLAT * edge])) * grow, 1e-24)
         filters.append(taps)
         scale.append(np.sqrt(level))
@@ -131,7 +131,7 @@ def _filtered(piece: Array, taps: Array) -> Array:
     return np.convolve(piece, taps)[ORDER : len(piece)]
 
 
-def _spectrum(pieces: Sequence[Array]) -> tuple[Array, Array]:
+def spectrum(pieces: Sequence[Array]) -> tuple[Array, Array]:
     """Frequencies [cycles per sample] and mean power density of all pieces, white noise's being its variance."""
     shortest = min(len(piece) for piece in pieces)
     size = min(SEGMENT, shortest, max(shortest // SEGMENTS, SHORT))
@@ -143,7 +143,7 @@ def _spectrum(pieces: Sequence[Array]) -> tuple[Array, Array]:
 
 def _autoregression(pieces: Sequence[Array], edge: float) -> Array:
     """Yule and Walker's equations, (ORDER + 1,), the noise continued beyond the band as it is near its end."""
-    frequency, density = _spectrum(pieces)
+    frequency, density = spectrum(pieces)
     near = (frequency > EDGE * edge) & (frequency <= FLAT * edge)
     if near.any():
         density = np.where(frequency > FLAT * edge, np.mean(density[near]), density)
