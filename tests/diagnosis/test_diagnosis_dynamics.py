@@ -8,12 +8,14 @@ import pinocchio as pin
 import pytest
 
 from impedance_modules.diagnosis.data.rigid_dynamics import (
+    BatchedRigidModel,
     gravity_regressor,
     inertial_regressor,
     inverse_dynamics,
     mass_matrix,
 )
 from impedance_modules.diagnosis.data.rigid_tree import RigidTree, can_exist, read_tree
+from impedance_modules.effects.rigid_model import RigidModel
 from tests.support.paths import CHECKOUT
 
 URDF = CHECKOUT / "robots" / "baxter" / "baxter.urdf"
@@ -108,3 +110,27 @@ def _point(mass: float, place: np.ndarray) -> np.ndarray:
     x, y, z = place
     inertia = [y * y + z * z, -x * y, x * x + z * z, -x * z, -y * z, x * x + y * y]
     return mass * np.array([1.0, x, y, z, *inertia])
+
+
+def arm() -> tuple[BatchedRigidModel, tuple[np.ndarray, ...]]:
+    joints = [f"right_{name}" for name in ("s0", "s1", "e0", "e1", "w0", "w1", "w2")]
+    motion = tuple(np.random.default_rng(3).normal(size=(3, 9, len(joints))))
+    return BatchedRigidModel.of_tree(URDF, read_tree(URDF, joints)), motion
+
+
+def test_the_weight_by_gravity_is_that_of_pinocchio_sample_by_sample() -> None:
+    model, (q, _, _) = arm()
+    columns = model.weight_columns(q)
+    assert columns == pytest.approx(RigidModel.weight_columns(model, q), abs=1e-9)
+    assert columns @ model.gravity == pytest.approx(model.weight(q), abs=1e-9)
+
+
+def test_a_kept_regressor_serves_its_own_motion_alone() -> None:
+    model, (q, v, a) = arm()
+    link = model.tree.bodies[-1].link
+    moving, resting = model.body_columns(link, q, v, a), model.weight_of_body(link, q)
+    model.keep()
+    assert model.body_columns(link, q, v, a) == pytest.approx(moving)
+    assert model.weight_of_body(link, q) == pytest.approx(resting)
+    assert model.body_columns(link, q, v, a) == pytest.approx(moving)
+    model.forget()

@@ -30,7 +30,7 @@ class BatchedRigidModel(RigidModel):
     """
 
     tree: RigidTree
-    _kept: tuple[Array, Array] | None = None
+    _kept: tuple[tuple[Array, Array, Array], Array] | None = None
     _keeping: bool = False
 
     @classmethod
@@ -51,6 +51,11 @@ class BatchedRigidModel(RigidModel):
         rest = np.zeros_like(q)
         return inverse_dynamics(self.tree, q, rest, rest)
 
+    def weight_columns(self, q: Array) -> Array:
+        """Computes dg(q) / d(gravity), (N, n, 3): the weight is linear in gravity's acceleration."""
+        rest = np.zeros_like(q)
+        return np.stack([inverse_dynamics(self.tree, q, rest, rest, axis) for axis in np.eye(3)], axis=2)
+
     def body_columns(self, body: str, q: Array, v: Array, a: Array) -> Array:
         r"""Computes d ID / d\pi of a link, (N, n, 10)."""
         links = [item.link for item in self.tree.bodies]
@@ -70,7 +75,7 @@ class BatchedRigidModel(RigidModel):
         return self.tree.bodies[links.index(link)].own if link in links else super().link_inertia(link)
 
     def keep(self) -> None:
-        """Keeps the regressor (N, n, 10 n) of the motion that was used last, until `forget`."""
+        """Keeps the regressor (N, n, 10 n) of the motion that is used next, until `forget`."""
         self._keeping = True
 
     def forget(self) -> None:
@@ -78,11 +83,12 @@ class BatchedRigidModel(RigidModel):
         self._kept, self._keeping = None, False
 
     def _whole(self, q: Array, v: Array, a: Array) -> Array:
-        if self._kept is not None and self._kept[0] is q:
+        motion = (q, v, a)
+        if self._kept is not None and all(old is new for old, new in zip(self._kept[0], motion, strict=True)):
             return self._kept[1]
         whole = inertial_regressor(self.tree, q, v, a)
-        if self._keeping:
-            self._kept = (q, whole)
+        if self._keeping and self._kept is None:
+            self._kept = (motion, whole)
         return whole
 
 
