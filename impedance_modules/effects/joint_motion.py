@@ -19,7 +19,7 @@ from typing import Any, ClassVar, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from impedance_modules.arrays import Array
+from impedance_modules.arrays import Array, Indices
 from impedance_modules.compiled import Law, compiled
 from impedance_modules.effects.link_poses import PlacedLinks, empty_poses
 from impedance_modules.records import Matrix, Record, Scalar, Vector
@@ -231,12 +231,40 @@ def bent(bristle: float, moved: float, stretch: float) -> Any:
 
 
 def follow(position: Array, stretch: float) -> Array:
-    """Computes the bend (N,) along a path (N,), unbent at its start."""
+    r"""Computes the bend (N,) along a path (N,), unbent at its start.
+
+    From a reversal at q_r with the bend \zeta_r on, as long as the direction d stays the same,
+
+        \zeta = d + (\zeta_r - d) exp(-|q - q_r| / stretch):
+
+    only reversals are followed one after the other.
+    """
     out = np.zeros(position.size)
-    steps = np.diff(position)
-    keep, direction = np.exp(-np.abs(steps) / stretch), np.sign(steps)
-    bristle = 0.0
-    for i in range(steps.size):
-        bristle = direction[i] + (bristle - direction[i]) * keep[i]
-        out[i + 1] = bristle
+    direction, first = _ways(position)
+    if not first.size:
+        return out
+    turns = np.append(position[first], position[-1])
+    keep = np.exp(-np.abs(np.diff(turns)) / stretch)
+    bends, bend = np.empty(first.size), 0.0
+    for i, way in enumerate(direction):
+        bends[i] = bend
+        bend = way + (bend - way) * keep[i]
+    lengths = np.diff(np.append(first, position.size - 1))
+    way, from_bend, turn = (np.repeat(x, lengths) for x in (direction, bends, turns[:-1]))
+    moved = np.abs(position[first[0] + 1 :] - turn)
+    out[first[0] + 1 :] = way + (from_bend - way) * np.exp(-moved / stretch)
     return out
+
+
+def _ways(position: Array) -> tuple[Array, Indices]:
+    """Directions of the stretches of a path (N,) between its reversals, and where each begins; rests belong to both.
+
+    Rests at the beginning belong to none.
+    """
+    steps = np.sign(np.diff(position))
+    moving = np.flatnonzero(steps)
+    if not moving.size:
+        return np.zeros(0), moving
+    turned = np.concatenate([[True], np.diff(steps[moving]) != 0.0])
+    first = moving[turned]
+    return steps[first], first

@@ -10,9 +10,11 @@ from scipy.stats import ttest_rel
 
 from impedance_modules.diagnosis.model_selection.candidate_trial import (
     CandidateTrial,
+    TermProducts,
     add_to_fit,
     losses,
     significance,
+    term_products,
     try_term,
 )
 from impedance_modules.diagnosis.model_selection.cause_search import validated_on_holdout
@@ -43,12 +45,17 @@ def sample(seed: int, cause: tuple[float, ...] = (1.0, -2.0), new=NEW) -> tuple[
     return fitted(design, term_of(design, KNOWN)), term_of(design, new)
 
 
+def products_of(model_fit: ModelFit, term: ModelTerm, recordings) -> list[TermProducts]:
+    return [term_products(model_fit, term, r) for r in recordings]
+
+
 @SEEDS
 @pytest.mark.parametrize("new", [NEW, STEADY], ids=["plain", "with a part that has no coefficient"])
 def test_a_term_that_is_added_has_the_coefficients_of_a_fit_of_everything(seed: int, new) -> None:
     model_fit, term = sample(seed, (0.7,) * new.shaped.size, new)
     for recordings, base in ((model_fit.fitted, model_fit.whole), (model_fit.train(1), model_fit.without[1])):
-        beside, own, covariance = add_to_fit(model_fit, recordings, base, term)
+        products = products_of(model_fit, term, recordings)
+        beside, own, covariance = add_to_fit(products, base, term)
         all_of_it, inverse = least_squares(model_fit, [*model_fit.model, term], recordings)
         size = term.shaped.size
         assert np.allclose(beside, all_of_it[:-size], atol=1e-6)
@@ -243,10 +250,10 @@ def test_contrasts_are_judged_by_walds_test() -> None:
         ("new", "b", "link"), {1: 2, 2: 0}, 2, scale=[0.5, 3.0], candidate=SimpleNamespace(effect=effect)
     )
     model_fit, _ = sample(2)
-    found = try_term(model_fit, term_of(model_fit.design, new)).in_sample
-    _, more, covariance = add_to_fit(
-        model_fit, model_fit.fitted, model_fit.whole, term_of(model_fit.design, new)
-    )
+    term = term_of(model_fit.design, new)
+    found = try_term(model_fit, term).in_sample
+    products = products_of(model_fit, term, model_fit.fitted)
+    _, more, covariance = add_to_fit(products, model_fit.whole, term)
     left = more[0] / 0.5 - more[1] / 3.0
     L = np.array([1.0 / 0.5, -1.0 / 3.0])
     joined = ModelFit(model_fit.design, FOLDS, [*model_fit.model, term_of(model_fit.design, new)])

@@ -20,7 +20,13 @@ from functools import cached_property
 import numpy as np
 
 from impedance_modules.arrays import Array
-from impedance_modules.diagnosis.regression.model_fit import FLAT, Fit, ModelFit, ModelTerm
+from impedance_modules.diagnosis.regression.model_fit import (
+    FLAT,
+    Fit,
+    ModelFit,
+    ModelTerm,
+    squares_by_fold,
+)
 from impedance_modules.effects.residual_kinds import uses_motion
 
 BLOCK = 1.0
@@ -60,17 +66,7 @@ class CandidateTrial:
     @cached_property
     def _sums(self) -> tuple[Array, Array]:
         """(folds, groups) squares without and with the candidate."""
-        pairs = (self.model_fit.unseen, self.unseen)
-        first, second = (
-            np.array(
-                [
-                    np.sum([[float(x @ x) for x in left[r]] for r in fold], axis=0)
-                    for fold in self.model_fit.folds
-                ]
-            )
-            for left in pairs
-        )
-        return first, second
+        return self.model_fit.unseen_squares, squares_by_fold(self.model_fit.folds, self.unseen)
 
     @property
     def gain(self) -> float:
@@ -140,7 +136,7 @@ class CandidateTrial:
         free = [g for g in self.term.groups if not uses_motion(groups[g][0])] or self.term.groups
         right, own = np.zeros(len(groups)), np.zeros(len(groups))
         for r in self.model_fit.fitted:
-            left = self.model_fit.residuals(self.model_fit.whole.coefficients, r)
+            left = self.model_fit.left_of(r)
             for g in free:
                 block = self.term.columns[r][g]
                 right[g] += self.model_fit.weights[g] * float(block[:, 0] @ left[g])
@@ -205,14 +201,16 @@ def losses(model_fit: ModelFit, unseen: HeldOutResiduals, groups: Sequence[int])
 
 def try_term(model_fit: ModelFit, term: ModelTerm) -> CandidateTrial:
     """Tries one candidate beside a model, without each fold in turn."""
+    products = {r: term_products(model_fit, term, r) for r in model_fit.fitted}
     unseen: dict[int, Sequence[Array]] = {}
     coefficients = []
     for fold, base in enumerate(model_fit.without):
-        found, more, _ = add_to_fit(model_fit, model_fit.train(fold), base, term)
+        found, more, _ = add_to_fit([products[r] for r in model_fit.train(fold)], base, term)
         coefficients.append(more)
         for r in model_fit.folds[fold]:
             unseen[r] = less_term(model_fit.residuals(found, r), term, r, more)
-    return CandidateTrial(model_fit, term, np.array(coefficients), unseen, fit_in_sample(model_fit, term))
+    in_sample = fit_in_sample(model_fit, term, list(products.values()))
+    return CandidateTrial(model_fit, term, np.array(coefficients), unseen, in_sample)
 
 
 @dataclass(frozen=True)
@@ -236,9 +234,9 @@ class InSampleFit:
     own: Array
 
 
-def fit_in_sample(model_fit: ModelFit, term: ModelTerm) -> InSampleFit:
+def fit_in_sample(model_fit: ModelFit, term: ModelTerm, products: Sequence[TermProducts]) -> InSampleFit:
     """Adds a candidate to the fit of all fitted recordings; likelihood and prior together."""
-    found, more, covariance = add_to_fit(model_fit, model_fit.fitted, model_fit.whole, term)
+    found, more, covariance = add_to_fit(products, model_fit.whole, term)
     squares = np.zeros(len(model_fit.design.groups))
     for r in model_fit.fitted:
         squares += [float(x @ x) for x in less_term(model_fit.residuals(found, r), term, r, more)]
@@ -268,22 +266,48 @@ def less_term(left: Sequence[Array], term: ModelTerm, recording: int, coefficien
     return out
 
 
-def add_to_fit(
-    model_fit: ModelFit, recordings: Sequence[int], base: Fit, term: ModelTerm
-) -> tuple[Array, Array, Array]:
-    """Adds a candidate to a fit; returns the model's coefficients, its own and their covariance."""
-    size = term.shaped.size
-    steady = bool(term.fixed[recordings[0]])
-    width = size + steady
+@dataclass(frozen=True, eq=False)
+class TermProducts:
+    """Weighted products of a candidate's columns with one recording's rows; they serve the fits of all folds.
+
+    Attributes:
+        cross: (p, K + P) with the model's columns.
+        own: (p, p) with themselves.
+        right: (p,) with the target.
+    """
+
+    cross: Array
+    own: Array
+    right: Array
+
+
+def term_products(model_fit: ModelFit, term: ModelTerm, recording: int) -> TermProducts:
+    """Computes a candidate's products with a recording; its part without a coefficient is its last column."""
+    steady = term.fixed[recording]
+    width = term.shaped.size + bool(steady)
     cross, own, right = np.zeros((width, model_fit.size)), np.zeros((width, width)), np.zeros(width)
-    for r in recordings:
-        for g, block in term.columns[r].items():
-            X = np.column_stack([block, term.fixed[r][g]]) if steady else block
-            ids, rows = model_fit.ids[g], model_fit.rows[r][g]
-            left = model_fit.target[r][g] - rows @ base.coefficients[ids]
-            cross[:, ids] += model_fit.weights[g] * (X.T @ rows)
-            own += model_fit.weights[g] * (X.T @ X)
-            right += model_fit.weights[g] * (X.T @ left)
+    for g, block in term.columns[recording].items():
+        X = np.column_stack([block, steady[g]]) if steady else block
+        weight, rows = model_fit.weights[g], model_fit.rows[recording][g]
+        cross[:, model_fit.ids[g]] += weight * (X.T @ rows)
+        own += weight * (X.T @ X)
+        right += weight * (X.T @ model_fit.target[recording][g])
+    return TermProducts(cross, own, right)
+
+
+def add_to_fit(products: Sequence[TermProducts], base: Fit, term: ModelTerm) -> tuple[Array, Array, Array]:
+    """Adds a candidate to a fit of some recordings, given its products with each.
+
+    Returns:
+        The model's coefficients, its own and their covariance.
+    """
+    size = term.shaped.size
+    cross, own, right = (
+        np.sum(parts, axis=0)
+        for parts in ([x.cross for x in products], [x.own for x in products], [x.right for x in products])
+    )
+    right = right - cross @ base.coefficients
+    steady = len(right) > size
     pull = base.inverse @ cross.T
     schur = own - cross @ pull
     matrix = schur[:size, :size] + np.diag(FLAT * (1.0 + np.diag(own)[:size]) + term.layout.precision)

@@ -100,7 +100,6 @@ class Selector:
         self._removals: Counter[tuple[str, str, str]] = Counter()
         self._generic: tuple[ModelFit | None, list[CandidateTrial]] = (None, [])
         self._tried: tuple[ModelFit | None, list[CandidateTrial]] = (None, [])
-        self._screened: tuple[ModelFit | None, list[ScreenedCandidate]] = (None, [])
 
     def on(self, design: Design) -> Selector:
         """The same search on a design with other rows."""
@@ -158,9 +157,7 @@ class Selector:
 
     def rejection_reason(self, trial: CandidateTrial) -> str | None:
         """Why a candidate is rejected; None if it passes. The generic basis is tried last, it costs most."""
-        return self._refused(trial, []) or rejection_reason(
-            trial, self.generic(trial.model_fit, self.screen.rank(trial.model_fit))
-        )
+        return self._refused(trial, []) or rejection_reason(trial, self.generic(trial.model_fit))
 
     def _refused(self, trial: CandidateTrial, generic: Sequence[CandidateTrial]) -> str | None:
         """Why a candidate is rejected beside some generic regressors; None if it passes."""
@@ -168,9 +165,10 @@ class Selector:
             return "does not last beside the others: it was accepted and removed again twice"
         return rejection_reason(trial, generic) or self.plausibility.implausible(trial)
 
-    def generic(self, model_fit: ModelFit, entries: Sequence[ScreenedCandidate]) -> list[CandidateTrial]:
+    def generic(self, model_fit: ModelFit) -> list[CandidateTrial]:
         """The best generic regressors beside a model, tried once."""
         if self._generic[0] is not model_fit:
+            entries = self.screen.rank(model_fit)
             generic = [entry.layout for entry in entries if entry.layout.shaped.candidate is None][
                 :GENERIC_TRIED
             ]
@@ -180,7 +178,7 @@ class Selector:
     def _next(self, model_fit: ModelFit) -> tuple[ModelTerm | None, Refusal | None]:
         """The best candidate that passes, or why there is none."""
         trials = self.trials(model_fit)
-        generic = self.generic(model_fit, self._ranked(model_fit))
+        generic = self.generic(model_fit)
         refusal: Refusal | None = None
         for trial in by_merit(trials):
             reason = self._refused(trial, generic)
@@ -209,15 +207,9 @@ class Selector:
     def trials(self, model_fit: ModelFit) -> list[CandidateTrial]:
         """Tries the most promising candidates beside a model, in their best shapes; done once for each model."""
         if self._tried[0] is not model_fit:
-            own = [self.trial(model_fit, layout) for layout in promising(self._ranked(model_fit), TRIED)]
+            own = [self.trial(model_fit, layout) for layout in promising(self.screen.rank(model_fit), TRIED)]
             self._tried = (model_fit, self.refined(model_fit, own))
         return self._tried[1]
-
-    def _ranked(self, model_fit: ModelFit) -> list[ScreenedCandidate]:
-        """The candidates beside a model, screened once."""
-        if self._screened[0] is not model_fit:
-            self._screened = (model_fit, self.screen.rank(model_fit))
-        return self._screened[1]
 
     def refined(self, model_fit: ModelFit, trials: Sequence[CandidateTrial]) -> list[CandidateTrial]:
         """Moves the best shapes off their grid: those that fit best, however badly an odd shape does elsewhere."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,6 +75,7 @@ class Screening:
         )
         self._own = tuple(self._bands(g) for g in range(len(design.groups)))
         self.classes = [(int(width), np.flatnonzero(widths == width)) for width in np.unique(widths)]
+        self._ranked: WeakKeyDictionary[ModelFit, list[ScreenedCandidate]] = WeakKeyDictionary()
 
     def _columns(self, group: int) -> Indices:
         """Which of all columns stand in a group, in its order."""
@@ -95,7 +97,13 @@ class Screening:
         return out
 
     def rank(self, model_fit: ModelFit) -> list[ScreenedCandidate]:
-        """Ranks all candidates that the model does not hold yet, best first."""
+        """Ranks all candidates that the model does not hold yet, best first; done once for each model."""
+        known = self._ranked.get(model_fit)
+        if known is None:
+            known = self._ranked[model_fit] = self._ranking(model_fit)
+        return known
+
+    def _ranking(self, model_fit: ModelFit) -> list[ScreenedCandidate]:
         cross, own, right = self._against(model_fit)
         pulled = cross @ model_fit.whole.inverse
         left = np.zeros_like(own)
@@ -112,8 +120,7 @@ class Screening:
         """All columns against the model (C, A), against themselves (lags, C), and against what is left (C,)."""
         total = int(self.first[-1])
         cross, own, right = np.zeros((total, model_fit.size)), np.zeros((self._lags, total)), np.zeros(total)
-        coefficients = model_fit.whole.coefficients
-        left = {r: model_fit.residuals(coefficients, r) for r in self._recordings}
+        left = {r: model_fit.left_of(r) for r in self._recordings}
         for g, ids in enumerate(self._ids):
             weight, nuisance = model_fit.weights[g], model_fit.design.nuisance.ids[g]
             k = len(nuisance)

@@ -135,20 +135,20 @@ def columns_of(
     candidate: Candidate, shape: Mapping[str, float], signals: Signals, residuals: Sequence[Residual]
 ) -> Columns | None:
     """Evaluates a shape on a recording; None where it shows in no residual."""
-    blocks: dict[Group, Array] = {}
-    fixed, bounds = False, None
-    for residual in residuals:
-        found = candidate.effect.regressor(candidate.site(signals), residual, shape)
-        if found is None:
-            continue
-        bounds = _plausible(candidate, found.lower, found.upper)
-        fixed = fixed or bool(np.any(found.fixed))
-        for place, row in enumerate(found.rows):
-            blocks[residual, row] = np.column_stack([found.columns[:, place], found.fixed[:, place]])
-    if bounds is None:
+    each = {
+        residual: candidate.effect.regressor(candidate.site(signals), residual, shape)
+        for residual in residuals
+    }
+    shown = {residual: found for residual, found in each.items() if found is not None}
+    if not shown:
         return None
-    if not fixed:
-        blocks = {group: block[:, :-1] for group, block in blocks.items()}
+    fixed = any(bool(np.any(found.fixed)) for found in shown.values())
+    blocks: dict[Group, Array] = {}
+    for residual, found in shown.items():
+        bounds = _plausible(candidate, found.lower, found.upper)
+        for place, row in enumerate(found.rows):
+            own = found.columns[:, place]
+            blocks[residual, row] = np.column_stack([own, found.fixed[:, place]]) if fixed else own
     return Columns(blocks, fixed, *bounds)
 
 

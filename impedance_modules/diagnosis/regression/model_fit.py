@@ -86,11 +86,16 @@ class Fit:
 
     Attributes:
         coefficients: (K + P,).
-        inverse: (K + P, K + P) of the normal matrix: their covariance where the model is right.
+        normal: (K + P, K + P) normal matrix, priors included.
     """
 
     coefficients: Array
-    inverse: Array
+    normal: Array
+
+    @cached_property
+    def inverse(self) -> Array:
+        """(K + P, K + P) of the normal matrix: the coefficients' covariance where the model is right."""
+        return np.asarray(np.linalg.inv(self.normal))
 
 
 class ModelFit:
@@ -121,11 +126,14 @@ class ModelFit:
         self.target = tuple(
             tuple(self._target(r, g) for g in range(len(design.groups))) for r in range(len(design.y))
         )
+        self._summed: dict[tuple[int, tuple[int, ...]], tuple[Array, Array]] = {}
+        self._left: dict[int, list[Array]] = {}
         self.counts = design.count(self.fitted)
         self.weights = np.ones(len(design.groups))
         self.whole = self.fit(self.fitted)
         for _ in range(ROUNDS - 1):
-            self.weights = 1.0 / np.maximum(self.left / self.counts, 1.0)
+            left = self.squares(self.whole.coefficients, self.fitted)
+            self.weights = 1.0 / np.maximum(left / self.counts, 1.0)
             self.whole = self.fit(self.fitted)
         for _ in range(DOWNWEIGHTINGS):
             if np.abs(self.whole.coefficients[: design.nuisance.size]).max(initial=0.0) <= PRIOR_MAX:
@@ -154,21 +162,29 @@ class ModelFit:
             else self.design.y[recording][group]
         )
 
+    def _normal(self, recording: int, group: int) -> tuple[Array, Array]:
+        """Normal matrix and right side of a group's rows in one recording."""
+        T, k = self.rows[recording][group], self.design.Z[recording][group].shape[1]
+        gram = np.empty((T.shape[1], T.shape[1]))
+        gram[:k, :k] = self.design.nuisance_gram[recording][group]
+        gram[k:] = T[:, k:].T @ T
+        gram[:k, k:] = gram[k:, :k].T
+        return gram, T.T @ self.target[recording][group]
+
     @cached_property
-    def _sums(self) -> tuple[tuple[tuple[Array, Array], ...], ...]:
-        """Recording -> group -> normal matrix and right side; only recordings that are fitted count."""
-        out = []
-        for r in range(len(self.rows)):
-            row = []
-            for g, T in enumerate(self.rows[r]):
-                k = self.design.Z[r][g].shape[1]
-                gram = np.empty((T.shape[1], T.shape[1]))
-                gram[:k, :k] = self.design.nuisance_gram[r][g]
-                gram[k:] = T[:, k:].T @ T
-                gram[:k, k:] = gram[k:, :k].T
-                row.append((gram, T.T @ self.target[r][g]))
-            out.append(tuple(row))
-        return tuple(out)
+    def _normals(self) -> Mapping[int, tuple[tuple[Array, Array], ...]]:
+        """Fitted recording -> group -> normal matrix and right side."""
+        groups = range(len(self.design.groups))
+        return {r: tuple(self._normal(r, g) for g in groups) for r in self.fitted}
+
+    def _sums(self, group: int, recordings: tuple[int, ...]) -> tuple[Array, Array]:
+        """Normal matrix and right side of a group, summed over recordings once: only the weights change."""
+        known = self._summed.get((group, recordings))
+        if known is None:
+            parts = [self._normals[r][group] for r in recordings]
+            known = np.asarray(sum(gram for gram, _ in parts)), np.asarray(sum(right for _, right in parts))
+            self._summed[group, recordings] = known
+        return known
 
     @cached_property
     def prior(self) -> Array:
@@ -180,11 +196,10 @@ class ModelFit:
         """Fits the model to some recordings."""
         A, b = np.diag(self.prior), np.zeros(self.size)
         for g, ids in enumerate(self.ids):
-            gram = sum(self._sums[r][g][0] for r in recordings)
+            gram, right = self._sums(g, tuple(recordings))
             A[np.ix_(ids, ids)] += self.weights[g] * gram
-            b[ids] += self.weights[g] * sum(self._sums[r][g][1] for r in recordings)
-        inverse = np.linalg.inv(A)
-        return Fit(np.asarray(inverse @ b), np.asarray(inverse))
+            b[ids] += self.weights[g] * right
+        return Fit(np.asarray(np.linalg.solve(A, b)), A)
 
     def residuals(self, coefficients: Array, recording: int) -> list[Array]:
         """What coefficients leave of a recording: group -> (M,) whitened."""
@@ -193,10 +208,17 @@ class ModelFit:
             for g, ids in enumerate(self.ids)
         ]
 
-    @property
+    def left_of(self, recording: int) -> list[Array]:
+        """What the whole fit leaves of a recording: group -> (M,) whitened; computed once."""
+        if recording not in self._left:
+            self._left[recording] = self.residuals(self.whole.coefficients, recording)
+        return self._left[recording]
+
+    @cached_property
     def left(self) -> Array:
         """(groups,) sum of squares that the whole fit leaves on the fitted recordings."""
-        return self.squares(self.whole.coefficients, self.fitted)
+        parts = [[float(x @ x) for x in self.left_of(r)] for r in self.fitted]
+        return np.asarray(np.sum(parts, axis=0))
 
     def squares(self, coefficients: Array, recordings: Sequence[int]) -> Array:
         """(groups,) sums of squares that coefficients leave."""
@@ -221,11 +243,21 @@ class ModelFit:
             for r in fold
         }
 
+    @cached_property
+    def unseen_squares(self) -> Array:
+        """(folds, groups) squares of these residuals."""
+        return squares_by_fold(self.folds, self.unseen)
+
     def of(self, index: int, found: Fit | None = None) -> Array:
         """Coefficients of one term in its own units, by the whole fit unless another is given."""
         start, term = self.starts[index], self.model[index]
         values = (found or self.whole).coefficients[start : start + term.shaped.size]
         return np.asarray(values / term.layout.scale)
+
+
+def squares_by_fold(folds: Sequence[Sequence[int]], left: Mapping[int, Sequence[Array]]) -> Array:
+    """(folds, groups) squares of residuals, recording -> group -> (M,)."""
+    return np.array([np.sum([[float(x @ x) for x in left[r]] for r in fold], axis=0) for fold in folds])
 
 
 def term_of(design: Design, layout: ColumnLayout) -> ModelTerm:
