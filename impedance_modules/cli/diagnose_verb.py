@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from rich.text import Text
 
 from impedance_modules.cli.next_commands import Asked, next_commands
 from impedance_modules.cli.plain_lines import say
@@ -103,6 +102,7 @@ def diagnose_command(
 
     Exit: 0 no gap or explained, 2 bad input, 5 partly or not explained, 6 ambiguous, 7 data insufficient.
     """
+    from impedance_modules.cli.diagnosis_progress import diagnosis_progress
     from impedance_modules.diagnosis.compared_recordings import diagnosed
 
     if report is not None:
@@ -117,7 +117,7 @@ def diagnose_command(
     options = [str(word) for key, values in chosen for value in values if value for word in (key, value)]
     asked = Asked(logs, robot, urdf, tuple(options), json_path)
     console = Terminal()
-    with console.status("diagnosing") as status:
+    with diagnosis_progress(console) as progress:
         found = diagnosed(
             logs,
             holdout,
@@ -130,7 +130,7 @@ def diagnose_command(
             without=without,
             under_water=under_water,
             tolerance=tolerance,
-            progress=lambda words: status.update(Text(words)),
+            progress=progress,
             note=lambda words: say(f"note: {words}", err=True),
         )
     commands = next_commands(asked, found.next_motion)

@@ -15,7 +15,7 @@ Each folder imports only from those before it.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -49,6 +49,18 @@ from impedance_modules.spec.patch_file import EffectSpec
 
 ROWS_MIN = 12
 """Fewest samples in the band that a recording must give."""
+
+
+USUAL_SHARES: Mapping[str, float] = {
+    "admitting the recordings": 0.0,
+    "computing residuals": 0.05,
+    "evaluating candidates": 0.1,
+    "searching": 0.6,
+    "judging rivals": 0.75,
+    "concluding": 0.8,
+    "simulating the held-out recordings": 0.85,
+}
+"""Sentence of each stage -> about the share of a diagnosis's time that has usually passed when it begins."""
 
 
 def diagnose(

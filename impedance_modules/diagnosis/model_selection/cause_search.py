@@ -87,6 +87,7 @@ def search_causes(
         progress: Called with a sentence for each step.
     """
     selector = _selector(prepared, split, model, without)
+    progress("searching")
     found = selector.run(progress)
     pushes: tuple[ExternalPush, ...] = ()
     if ExternalContact.description.id not in without:
