@@ -33,6 +33,7 @@ from impedance_modules.diagnosis.model_selection.conclusion import (
 )
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.model_selection.naming import without_negligible, without_rejected
+from impedance_modules.diagnosis.model_selection.surface_search import with_surfaces
 from impedance_modules.diagnosis.model_selection.swallowed import swallowed_by_priors
 from impedance_modules.diagnosis.model_selection.tolerance import set_small_aside
 from impedance_modules.diagnosis.residuals.band import choose_band, filter_length, least_duration
@@ -104,7 +105,7 @@ def diagnose(
     rigid = BatchedRigidModel.of_tree(urdf, model.tree)
     prepared = tuple(prepare(log, model, rigid, common, known_effects) for log in split.logs)
     split, prepared = _long_enough(split, prepared)
-    prepared = without_links_in_contact(prepared)
+    whole, prepared = prepared, without_links_in_contact(prepared)
     progress("evaluating candidates")
     left_out = {*without, *not_searched(under_water=under_water)}
     evidence = search_causes(prepared, split, model, left_out, progress)
@@ -116,7 +117,9 @@ def diagnose(
         found = with_rollouts(found, evidence, model, urdf, known_effects)
         evidence, worse = without_rejected(evidence, found.causes)
         if not worse:
-            return set_small_aside(found, evidence, tolerance)
+            found = set_small_aside(found, evidence, tolerance)
+            progress("comparing contact with the task's surfaces")
+            return with_surfaces(found, whole, evidence, known_effects, without)
         notes = (*notes, *worse)
 
 

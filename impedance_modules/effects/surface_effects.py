@@ -36,6 +36,11 @@ FLAT_KINDS = ("plane", "box")
 """Surfaces that have the same normal wherever a hand presses on them from above."""
 
 
+def surface_key(index: int) -> str:
+    """Names a surface by its place in the environment."""
+    return f"surface{index}"
+
+
 def surface_index(key: str) -> int | None:
     """Reads the place in the environment from a key; None if it names no surface."""
     match = NAME.fullmatch(key)
@@ -91,10 +96,10 @@ def touches(signals: Signals, surface: SurfaceSpec) -> Iterator[SurfaceTouch]:
 class SurfaceEffect(Effect):
     """An error of the task's map of its surroundings: the plant's surface differs from the task's.
 
-    The diagnosis does not look for it: it sets contact aside.
+    The diagnosis looks for it in rows in contact, where the recording's task has the surface.
     """
 
-    searched = "never"
+    searched = "in_contact"
     not_exported = "it names a surface of a task file, and nothing says which shape of yours that is"
     not_compensated = "a surface is what the hands are to feel (valid: --effects, so that check predicts it)"
 

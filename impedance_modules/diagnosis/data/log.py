@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.arrays import Array
+from impedance_modules.diagnosis.data.surroundings import Surroundings
 from impedance_modules.errors import ImpedanceError
 
 Mask = NDArray[np.bool_]
@@ -40,6 +41,7 @@ class Log:
         rounding: (N, n) errors as the encoders' grids made them of these positions, simulated [rad]; zero where
             positions are not rounded.
         effort_steps: (n,) of the grids on which efforts were written [N.m]; zero where there is none.
+        surroundings: What the task says that the hands could touch; None where it says nothing.
     """
 
     name: str
@@ -56,6 +58,7 @@ class Log:
     in_contact: Mask | None = None
     rounding: Array | None = None
     effort_steps: Array | None = None
+    surroundings: Surroundings | None = None
 
     @property
     def samples(self) -> int:

@@ -8,7 +8,7 @@ actuator port  \tau_m = \tau_s + I_r \ddot\theta + D \dot\theta,  \theta = q + \
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +38,7 @@ class NominalModel:
         effort_max: (n,) [N.m]; infinite where nothing is stated.
         spring_damping: (n,) beside the joint's spring [N.m.s/rad].
         inner_loop: The robot's own feedback of joint torque; None where nothing is stated.
+        hands: Limb -> the frame of its hand; empty where nothing is stated.
         notes: What was assumed when it was made of a description, in sentences.
     """
 
@@ -53,6 +54,7 @@ class NominalModel:
     effort_max: Array
     spring_damping: Array
     inner_loop: InnerTorqueLoopSpec | None = None
+    hands: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
     @property
@@ -108,6 +110,7 @@ def model_of_spec(spec: RobotSpec, joints: Sequence[str]) -> NominalModel:
         effort_max=np.array([drive.effort_max for drive in drives]),
         spring_damping=np.array([drive.spring_damping for drive in drives]),
         inner_loop=spec.inner_torque_loop,
+        hands={limb.name: limb.hand for limb in spec.limbs.values()},
     )
 
 

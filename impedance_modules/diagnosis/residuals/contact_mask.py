@@ -93,7 +93,7 @@ def intersect_masks(first: Mapping[MaskKey, Mask], second: Mapping[MaskKey, Mask
 
 def _contact_free(prepared: Sequence[Prepared]) -> dict[int, Mask]:
     return {
-        r: ~_near_contact(item)
+        r: ~near_contact(item)
         for r, item in enumerate(prepared)
         if item.log.in_contact is not None and item.log.in_contact.any()
     }
@@ -104,7 +104,7 @@ def _mostly_in_contact(clear: Mapping[int, Mask], prepared: Sequence[Prepared]) 
     return lost > CONTACT_MAX * sum(item.samples for item in prepared)
 
 
-def _near_contact(item: Prepared) -> Mask:
+def near_contact(item: Prepared) -> Mask:
     """Rows (M,) within the margin of a contact."""
     log = item.log
     if log.in_contact is None:

@@ -8,7 +8,7 @@ differentiated one.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import cast
@@ -34,6 +34,9 @@ from impedance_modules.effects.effect_description import Port
 from impedance_modules.effects.recorded_signals import Signals, differentiate
 from impedance_modules.effects.residual_kinds import Residual
 from impedance_modules.spec.patch_file import EffectSpec
+
+AppliedEffect = tuple[str, Port, Mapping[str, Mapping[str, float]]]
+"""Id of an effect, its port, and key -> symbol -> value."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +110,7 @@ def prepare(
     effort = signals.effort
     torque = regressor @ model.tree.inertia
     residuals = {
-        name: band.condense(values - _effect_torque(known_effects, signals, name))
+        name: band.condense(values - effect_torque(_known(known_effects, signals), signals, name))
         for name, values in _residuals(log, model, signals, torque).items()
     }
     load = effort if effort is not None else torque
@@ -190,17 +193,24 @@ def _residuals(log: Log, model: NominalModel, s: Signals, torque: Array) -> dict
     return found
 
 
-def _effect_torque(known_effects: Sequence[EffectSpec], signals: Signals, residual: Residual) -> Array:
-    """What known effects add to a residual, (N, n); effects on joints that were not recorded are ignored."""
+def effect_torque(effects: Iterable[AppliedEffect], signals: Signals, residual: Residual) -> Array:
+    """What effects with known numbers add to a residual, (N, n)."""
     total = np.zeros((signals.samples, signals.n))
-    for spec in known_effects:
-        effect = CATALOGUE[spec.effect]
-        for key, symbols in spec.parameters.items():
-            values = {symbol: quantity.value for symbol, quantity in symbols.items()}
-            port = cast("Port", spec.port)
-            if all(joint in signals.model.joint_names for joint in spec.joints):
-                total += predicted(effect, Site(signals, key, port), residual, values)
+    for name, port, parameters in effects:
+        for key, values in parameters.items():
+            total += predicted(CATALOGUE[name], Site(signals, key, port), residual, values)
     return total
+
+
+def _known(known_effects: Sequence[EffectSpec], signals: Signals) -> Iterator[AppliedEffect]:
+    """Known effects of a patch; those on joints that were not recorded are ignored."""
+    for spec in known_effects:
+        if all(joint in signals.model.joint_names for joint in spec.joints):
+            numbers = {
+                key: {symbol: quantity.value for symbol, quantity in symbols.items()}
+                for key, symbols in spec.parameters.items()
+            }
+            yield spec.effect, cast("Port", spec.port), numbers
 
 
 def _drive(log: Log, model: NominalModel, weight: Array, band: Band) -> Array | None:
@@ -237,4 +247,5 @@ def _thinned(log: Log, common: CommonBand) -> Log:
         in_contact=None if log.in_contact is None else common.thin_mask(log.in_contact),
         rounding=take(log.rounding),
         effort_steps=log.effort_steps,
+        surroundings=log.surroundings,
     )
