@@ -119,7 +119,7 @@ def diagnose(
         if not worse:
             found = set_small_aside(found, evidence, tolerance)
             progress("comparing contact with the task's surfaces")
-            return with_surfaces(found, whole, evidence, known_effects, without)
+            return with_surfaces(found, whole, evidence, known_effects, without, tolerance)
         notes = (*notes, *worse)
 
 

@@ -156,7 +156,7 @@ def test_without_repeats_a_recording_with_more_inertia_has_more_noise(sensor: fl
     """Noise of positions times an inertia of 1, 2 and 3, beside that of a sensor; the third is held out."""
     random, inertia = np.random.default_rng(8), np.array([1.0, 2.0, 3.0])
     pieces = [m * random.standard_normal(4000) + sensor * random.standard_normal(4000) for m in inertia]
-    share = _noise_shares([pieces[:2]], np.zeros(1), (inertia**2)[:, None], (0, 1))
+    share = _noise_shares([pieces[:2]], np.zeros(1), (inertia**2)[:, None], [(0, 1)])
     mean = np.sqrt(np.mean([np.mean(piece**2) for piece in pieces[:2]]))
     floor = 0.12 if sensor == 0.0 else 0.06  # a twentieth of the noise is always taken to be the sensor's
     assert mean * share[:, 0] == pytest.approx([np.std(piece) for piece in pieces], rel=floor)

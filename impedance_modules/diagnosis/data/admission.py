@@ -32,7 +32,7 @@ from impedance_modules.diagnosis.data.stamps import (
     stamp_jitter,
     uniform_time,
 )
-from impedance_modules.diagnosis.data.surroundings import surroundings_of
+from impedance_modules.diagnosis.data.task_surfaces import task_surfaces_of
 from impedance_modules.diagnosis.data.time_base import (
     common_delay,
     delayed,
@@ -159,7 +159,7 @@ def _log(episode: Episode, model: NominalModel, steps: Array, warnings: list[str
         start=float(time[0] - segment_origin(episode)),
         in_contact=in_contact(episode, time),
         rounding=resampled(_rounding(episode, model.joints, steps), stamps, time, "position"),
-        surroundings=surroundings_of(str(episode.metadata.get("task") or ""), model.hands),
+        surroundings=task_surfaces_of(str(episode.metadata.get("task") or ""), model.hands),
     )
     return log, jitter
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.arrays import Array
-from impedance_modules.diagnosis.data.surroundings import Surroundings
+from impedance_modules.diagnosis.data.task_surfaces import TaskSurfaces
 from impedance_modules.errors import ImpedanceError
 
 Mask = NDArray[np.bool_]
@@ -58,7 +58,7 @@ class Log:
     in_contact: Mask | None = None
     rounding: Array | None = None
     effort_steps: Array | None = None
-    surroundings: Surroundings | None = None
+    surroundings: TaskSurfaces | None = None
 
     @property
     def samples(self) -> int:

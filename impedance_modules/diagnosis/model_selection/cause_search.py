@@ -250,7 +250,7 @@ def _floor(
     pairs = repeat_pairs(prepared, fitted)
     if pairs:
         return noise_by_repeats(left, prepared, nuisance, pairs, mask)
-    return noise_by_smoothness(left, prepared, nuisance, flexible, fitted)
+    return noise_by_smoothness(left, prepared, nuisance, flexible, fitted, mask)
 
 
 def _simple_candidates(

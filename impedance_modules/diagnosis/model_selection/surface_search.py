@@ -15,8 +15,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from impedance_modules.arrays import Array
-from impedance_modules.diagnosis.data.surroundings import with_known_surfaces
+from impedance_modules.diagnosis.data.task_surfaces import with_known_surfaces
 from impedance_modules.diagnosis.model_selection.acceptance import BIC_MIN
+from impedance_modules.diagnosis.model_selection.cause_search import SIGMA
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.model_selection.lack_of_fit import SYSTEMATIC
 from impedance_modules.diagnosis.model_selection.rivals import DECIDED
@@ -40,9 +41,6 @@ from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.residual_kinds import Residual, uses_motion
 from impedance_modules.effects.surface_effects import SurfaceEffect, surface_key
 from impedance_modules.spec.patch_file import EffectSpec
-
-SIGMA = 1.96
-"""Standard deviations of 95 % confidence."""
 
 EFFECT_OF: Mapping[str, str] = {
     effect.description.parameters[0].symbol: effect.id
@@ -87,6 +85,7 @@ def with_surfaces(
     evidence: Evidence,
     known: Sequence[EffectSpec],
     without: Collection[str],
+    tolerance: float,
 ) -> Diagnosis:
     """Adds what rows in contact say about the task's surfaces to a result.
 
@@ -97,6 +96,7 @@ def with_surfaces(
         evidence: The fit.
         known: Effects of a patch that the model includes.
         without: Ids of effects that are left out of the catalogue.
+        tolerance: Share of each joint's torque range within which a wrong surface does not matter; 0 for none.
     """
     recordings = _contact_recordings(found, prepared, known)
     fitted = [data for r, data in recordings.items() if r not in evidence.heldout]
@@ -104,7 +104,20 @@ def with_surfaces(
     if not fitted:
         return found
     result = search_surfaces(fitted, unseen, without)
-    return _merged(found, result, evidence) if result.gains else _noted(found, result)
+    if result.gains and matters(fitted, result.fit.surfaces, tolerance):
+        return _merged(found, result, evidence)
+    return _noted(found, result)
+
+
+def matters(recordings: Sequence[ContactRecording], surfaces: Surfaces, tolerance: float) -> bool:
+    """Says whether surfaces change some joint's torque in contact, rms, by more than a share of the joint's range."""
+    power, count = 0.0, 0
+    for data in recordings:
+        nominal = {contact.surface: SurfaceNumbers.of(contact.nominal) for contact in data.contacts}
+        change = (data.torque({**nominal, **surfaces}) - data.torque(nominal))[data.touching]
+        power, count = power + np.sum(change**2, axis=0), count + len(change)
+    load = np.concatenate([data.item.load for data in recordings])
+    return bool(np.any(np.sqrt(power / max(count, 1)) > tolerance * np.ptp(load, axis=0)))
 
 
 def search_surfaces(

@@ -58,7 +58,7 @@ class SurfaceNumbers:
 
 
 @dataclass(frozen=True, eq=False)
-class Contact:
+class HandContact:
     """One hand over one surface of the task; ``surface`` counts the task's surfaces."""
 
     surface: int
@@ -95,7 +95,7 @@ class ContactRecording:
 
     item: Prepared
     residual: Residual
-    contacts: tuple[Contact, ...]
+    contacts: tuple[HandContact, ...]
     target: Array
     nuisance: Array
     touching: Mask
@@ -141,7 +141,7 @@ class ContactRecording:
             total += slow[:, None, None] * np.einsum("ikj,ikl->ijl", across, across)
         return total
 
-    def _sticking(self, contact: Contact) -> Array:
+    def _sticking(self, contact: HandContact) -> Array:
         """How far (M,) a hand is from sliding for certain, 1 where it rests."""
         sliding = self.item.band.pick(np.linalg.norm(contact.touch.sliding, axis=1))
         J = self.item.band.pick(contact.touch.jacobian)
@@ -171,7 +171,7 @@ def contact_recording(
     known = item.signals.model.bodies
     signals = replace(item.signals, hands=tuple(hand for hand in hands if hand in known))
     contacts = tuple(
-        Contact(index, surface, touch)
+        HandContact(index, surface, touch)
         for index, surface in enumerate(surfaces)
         if surface.surface in FLAT_KINDS and surface.wood is None
         for touch in touches(signals, surface)

@@ -24,7 +24,7 @@ from impedance_modules.diagnosis.regression.sensor_noise import (
     noise_ratios,
     unseen_rounding,
 )
-from impedance_modules.diagnosis.regression.whitening import Whitening, spectrum, whitening_of
+from impedance_modules.diagnosis.regression.whitening import ORDER, SHORT, Whitening, spectrum, whitening_of
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 
 Mask = NDArray[np.bool_]
@@ -135,6 +135,7 @@ def noise_by_smoothness(
     nuisance: NuisanceColumns,
     flexible: Sequence[CandidateRegressor],
     recordings: Sequence[int],
+    clear: Mapping[tuple[int, int], Mask] | None = None,
 ) -> Whitening:
     """Judges the noise by what a flexible model leaves: smooth functions of a joint's motion, and the links'.
 
@@ -147,22 +148,23 @@ def noise_by_smoothness(
         nuisance: The links' columns.
         flexible: Generic basis and single-joint candidates.
         recordings: Those that are fitted.
+        clear: Recording and group -> (M,) rows that count; all of them where it is missing.
     """
     everywhere = [made_by_positions(item, r) for r, item in enumerate(prepared)]
-    made = [everywhere[r] for r in recordings]
+    shown = [_shown(recordings, g, left, clear or {}) for g in range(len(nuisance.groups))]
     rate = prepared[0].band.rate / prepared[0].band.step
     fits = []
     for index, group in enumerate(nuisance.groups):
         members = [regressor for regressor in flexible if all(group in blocks for blocks in regressor.blocks)]
-        fits.append(_left_by(members, group, index, left, nuisance, recordings, rate))
+        fits.append(_left_by(members, group, index, left, nuisance, shown[index], rate))
     disturbed = any(one.disturbed for one in fits)
     noise, lost = [], []
-    for group, one in zip(nuisance.groups, fits, strict=True):
+    for group, one, rows in zip(nuisance.groups, fits, shown, strict=True):
         pieces, used = one.robust if disturbed else one.ordinary
-        noise.append(_not_below(pieces, used, [rounding.of(group) for rounding in made]))
+        noise.append(_not_below(pieces, used, [everywhere[r].of(group)[mask] for r, mask in rows.items()]))
         lost.append(used)
     own = _position_powers(everywhere, nuisance.groups)
-    share = _noise_shares(noise, np.array(lost), own, recordings)
+    share = _noise_shares(noise, np.array(lost), own, [list(rows) for rows in shown])
     return whitening_of(
         noise, share, edge=_edge(prepared), lost=np.array(lost), assumed=np.ones(len(lost)), weak=True
     )
@@ -229,6 +231,18 @@ def _both_clear(
     return np.asarray(masks[0][:size] & masks[1][:size])
 
 
+def _shown(
+    recordings: Sequence[int],
+    group: int,
+    left: Sequence[Sequence[Array]],
+    clear: Mapping[tuple[int, int], Mask],
+) -> dict[int, Mask]:
+    """Recording -> (M,) rows of a group that count; a recording with hardly any is left out if others have more."""
+    everything = {r: np.ones(len(left[r][group]), dtype=bool) for r in recordings}
+    masks = {r: clear.get((r, group), rows) for r, rows in everything.items()}
+    return {r: mask for r, mask in masks.items() if mask.sum() > SHORT + ORDER} or everything
+
+
 def _difference(one: Array, other: Array, shown: Mask) -> Array:
     size = len(shown)
     difference = (one[:size] - other[:size])[shown]
@@ -251,7 +265,7 @@ def _position_powers(made: Sequence[Rounding], groups: Sequence[Group]) -> Array
 
 
 def _noise_shares(
-    noise: Sequence[Sequence[Array]], lost: Array, own: Array, recordings: Sequence[int]
+    noise: Sequence[Sequence[Array]], lost: Array, own: Array, recordings: Sequence[Sequence[int]]
 ) -> Array:
     r"""Says how much stronger the noise is in each recording than on the mean of the fitted ones, (recordings, groups).
 
@@ -260,15 +274,20 @@ def _noise_shares(
         k_r^2 = (s + p_r) / (s + \bar{p}),      p the positions' part, s the rest
 
     Args:
-        noise: Group -> pieces of noise, one for each fitted recording.
+        noise: Group -> pieces of noise, one for each of its recordings.
         lost: (groups,) samples that were fitted away.
         own: (recordings, groups) power of the positions' part.
-        recordings: Those that are fitted.
+        recordings: Group -> those that its pieces are from.
     """
-    lengths = np.array([len(piece) for piece in noise[0]], dtype=float)
-    mean = np.average(own[list(recordings)], axis=0, weights=lengths)
-    count = lengths.sum()
-    seen = np.array([sum(float(piece @ piece) for piece in pieces) / count for pieces in noise])
+    lengths = [np.array([len(piece) for piece in pieces], dtype=float) for pieces in noise]
+    mean = np.array(
+        [
+            np.average(own[list(chosen), group], weights=lengths[group])
+            for group, chosen in enumerate(recordings)
+        ]
+    )
+    count = np.array([float(sizes.sum()) for sizes in lengths])
+    seen = np.array([sum(float(piece @ piece) for piece in pieces) for pieces in noise]) / count
     seen = seen * count / np.maximum(count - lost, LEFT_MIN * count)
     rest = np.maximum(seen - mean, SENSOR_MIN * seen) + LEAST
     return np.asarray(np.sqrt((rest + own) / (rest + mean)))
@@ -280,15 +299,15 @@ def _left_by(  # noqa: PLR0917 - all of them belong together
     index: int,
     left: Sequence[Sequence[Array]],
     nuisance: NuisanceColumns,
-    recordings: Sequence[int],
+    shown: Mapping[int, Mask],
     rate: float,
 ) -> RobustFit:
     """What functions of a group's motion leave of it, and the samples that they use up."""
     blocks = []
-    for recording in recordings:
-        own = [regressor.blocks[recording][group] for regressor in members]
-        blocks.append(np.concatenate([nuisance.columns[recording][index], *own], axis=1).astype(float))
-    X, y = np.concatenate(blocks), np.concatenate([left[recording][index] for recording in recordings])
+    for recording, mask in shown.items():
+        own = [regressor.blocks[recording][group][mask] for regressor in members]
+        blocks.append(np.concatenate([nuisance.columns[recording][index][mask], *own], axis=1).astype(float))
+    X, y = np.concatenate(blocks), np.concatenate([left[r][index][mask] for r, mask in shown.items()])
     X = X / (np.sqrt(np.mean(X**2, axis=0)) + 1e-12)
     ends = np.cumsum([len(block) for block in blocks])[:-1]
     white = np.random.default_rng(index).standard_normal((len(y), DRAWS))

@@ -22,7 +22,7 @@ Mask = NDArray[np.bool_]
 MaskKey = TypeVar("MaskKey", bound=Hashable)
 
 MARGIN = 0.2
-"""Time before and after a contact that is masked with it: the filter's half length [s]."""
+"""Time before and after a contact that is masked with it: about the filter's half length [s]."""
 
 CONTACT_MAX = 0.8
 """Part of all samples that may be in contact; beyond it too little free motion is left."""
@@ -107,7 +107,7 @@ def _mostly_in_contact(clear: Mapping[int, Mask], prepared: Sequence[Prepared]) 
 def near_contact(item: Prepared) -> Mask:
     """Rows (M,) within the margin of a contact."""
     log = item.log
-    if log.in_contact is None:
+    if log.in_contact is None or not log.in_contact.any():
         return np.zeros(item.samples, dtype=bool)
     at = log.start + np.flatnonzero(log.in_contact) / log.rate
     after = np.searchsorted(at, item.time - MARGIN)

@@ -22,7 +22,7 @@ ANY_HAND = "hand"
 
 
 @dataclass(frozen=True)
-class Surroundings:
+class TaskSurfaces:
     """A task's environment.
 
     Attributes:
@@ -36,7 +36,7 @@ class Surroundings:
     holds: bool
 
 
-def surroundings_of(text: str, limbs: Mapping[str, str]) -> Surroundings | None:
+def task_surfaces_of(text: str, limbs: Mapping[str, str]) -> TaskSurfaces | None:
     """Reads the environment of a task.
 
     Args:
@@ -57,10 +57,10 @@ def surroundings_of(text: str, limbs: Mapping[str, str]) -> Surroundings | None:
     data: Any = document.data
     surfaces = tuple(build_surface(raw) for raw in data.get("environment", []))
     hands = tuple(dict.fromkeys(_hands(data["arms"], limbs)))
-    return Surroundings(surfaces, hands, "object" in data) if surfaces and hands else None
+    return TaskSurfaces(surfaces, hands, "object" in data) if surfaces and hands else None
 
 
-def with_known_surfaces(surroundings: Surroundings, known: Sequence[EffectSpec]) -> Surroundings:
+def with_known_surfaces(surroundings: TaskSurfaces, known: Sequence[EffectSpec]) -> TaskSurfaces:
     """Applies the known effects of a patch to the surfaces; effects on others than the task's are ignored."""
     surfaces = list(surroundings.surfaces)
     for spec in known:
