@@ -218,22 +218,11 @@ class Joints:
         )
 
 
-@dataclass(frozen=True)
-class Surface:
-    """A soft floor for the hand: height [m], time constant [s] and damping ratio of MuJoCo's contact."""
-
-    height: float
-    time_constant: float
-    damping_ratio: float
-    friction: float
-
-
 def write_mjcf(
     links: Sequence[Link],
     joints: Joints | None,
     gravity: Array,
     hand: str,
-    surface: Surface | None = None,
 ) -> str:
     """Returns the model as XML; without ``joints`` the arm is rigid: its links alone.
 
@@ -241,13 +230,12 @@ def write_mjcf(
         links: Parents first, the first one's parent being the base.
         joints: Drive numbers, or None.
         gravity: (3,) [m/s^2].
-        hand: Link that carries the contact sphere and the site ``hand``.
-        surface: Floor under the hand, or None.
+        hand: Link that carries the site ``hand``.
     """
     root = ET.Element("mujoco", model="arm")
     ET.SubElement(root, "compiler", angle="radian", autolimits="true", inertiafromgeom="false")
     option = {"timestep": str(STEP), "integrator": "implicitfast", "gravity": _text(gravity)}
-    if joints is not None and surface is None:
+    if joints is not None:
         option |= {"iterations": "1"}
     ET.SubElement(root, "option", option)
     world = ET.SubElement(root, "worldbody")
@@ -255,8 +243,6 @@ def write_mjcf(
     for link in links:
         bodies[link.name] = _body(bodies[link.parent], link)
     ET.SubElement(bodies[hand], "site", name="hand", pos="0 0 0")
-    if surface is not None:
-        _add_surface(world, bodies[hand], surface)
     names = [link.joint for link in links if link.joint is not None]
     if joints is not None:
         _add_drives(root, world, names, joints)
@@ -291,15 +277,6 @@ def _add_drives(root: ET.Element, world: ET.Element, names: Sequence[str], joint
         tendon = ET.SubElement(tendons, "fixed", shape | {"springlength": f"{-half!r} {half!r}"})
         ET.SubElement(tendon, "joint", joint=name, coef="-1")
         ET.SubElement(tendon, "joint", joint=f"motor_{i}", coef="1")
-
-
-def _add_surface(world: ET.Element, hand: ET.Element, surface: Surface) -> None:
-    contact = {"solref": f"{surface.time_constant} {surface.damping_ratio}", "solimp": "0.9 0.95 0.002 0.5 2"}
-    contact |= {"friction": f"{surface.friction} 0.005 0.0001"}
-    ET.SubElement(
-        world, "geom", contact | {"type": "plane", "pos": f"0 0 {surface.height}", "size": "3 3 0.1"}
-    )
-    ET.SubElement(hand, "geom", contact | {"type": "sphere", "size": "0.02", "mass": "0"})
 
 
 def _quaternion(rpy: Array) -> Array:

@@ -23,26 +23,37 @@ from benchmarks.blind.case import (
     measure,
     on_a_surface,
     plant_effect,
+    plant_map_error,
     rich_episodes,
     task_episodes,
     write_logs,
 )
 from benchmarks.blind.catalogue import CATALOGUE, CONFUSABLE, OPEN_SET, are_one
+from benchmarks.blind.floor import MAP_ERRORS
 from benchmarks.blind.injection import Draw
 from benchmarks.blind.pair_cases import PAIRS, draw_pair
 from benchmarks.blind.three_names import make_named
 
-COUNTS: dict[str, int] = {"A": 140, "B": 250, "C": 80, "D": 80, "E": 100, "F": 112, "G": 40, "N": 4}
+COUNTS: dict[str, int] = {"A": 140, "B": 250, "C": 80, "D": 80, "E": 100, "F": 112, "G": 60, "N": 4}
 """Cases per block, so many that a method at the target rate stays clear of the floor by its Wilson interval.
 
 Each of D is one poor and one rich set of logs of the same arm.
 """
+NOTHING, TOOL, JOINT = "nothing", "tool", "joint"
+FLOORS = {error.effect: error for error in MAP_ERRORS}
+KINDS = (NOTHING, *FLOORS, TOOL, JOINT)
+"""What is planted in block G, in turn: nothing, an error of the floor's map, a tool in the hand, a joint's effect."""
 SEEDS: dict[str, int] = {"dev": 1, "report": 2}
 SIZES = (1.0, 3.0, 0.5)
 NOISES = (1.0, 0.5, 3.0)
 REDRAWN = 8
 """Times that a withheld effect is drawn again where another, at its size, would be as true in these logs."""
 CASES, SEALED, SEALS = "cases", "sealed", "seals.txt"
+
+
+def kind_of(index: int) -> str:
+    """Returns what is planted in a case of block G."""
+    return KINDS[index % len(KINDS)]
 
 
 @dataclass
@@ -80,12 +91,7 @@ def make(block: str, index: int, seeds: str, folder: Path) -> list[Made]:
     if block == "F":
         without = [drawn.planted[0].injection.effect]
     if block == "G":
-        truth["surroundings"] = [
-            "external_contact",
-            "surface_height",
-            "surface_stiffness",
-            "surface_friction",
-        ]
+        truth |= {"surroundings": ["external_contact"], "kind": kind_of(index)}
     return [_write(folder, drawn, rng, truth, without, phases=block == "G")]
 
 
@@ -113,7 +119,7 @@ def _draw(block: str, index: int, rng: np.random.Generator) -> Drawn:
     bench = draw_bench(rng, noise)
     episodes = task_episodes(bench, rng) if block == "G" else rich_episodes(bench, rng)
     if block == "G":
-        bench = on_a_surface(bench, episodes)
+        bench = on_a_surface(bench, episodes, rng)
     return Drawn(bench, episodes, _plant(block, index, bench, episodes, rng))
 
 
@@ -131,9 +137,14 @@ def _plant(
         wishes = [(OPEN_SET[strange[index % len(strange)]], (2.0, 5.0)[(index // len(strange)) % 2], None)]
     elif block == "F":
         wishes = [(CATALOGUE[names[index % len(names)]], 3.0, None)]
-    elif block == "G" and index % 5 < 4:
-        usual = [name for name in names if name != "external_contact"]
+    elif block == "G" and kind_of(index) == TOOL:
+        wishes = [(CATALOGUE["payload"], 3.0, None)]
+    elif block == "G" and kind_of(index) == JOINT:
+        usual = [name for name in names if name not in ("external_contact", "payload")]
         wishes = [(CATALOGUE[usual[int(rng.integers(len(usual)))]], 3.0, None)]
+    elif block == "G" and kind_of(index) in FLOORS:
+        scale = measure(bench, episodes, int(rng.integers(2**31)))
+        return [plant_map_error(FLOORS[kind_of(index)], bench, scale, rng)]
     if not wishes:
         return []
     scale = measure(bench, episodes, int(rng.integers(2**31)))

@@ -11,10 +11,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.blind.arm_model import Joints, Surface, read_arm, read_drive
+from benchmarks.blind.arm_model import Joints, hand_of, read_arm, read_drive
 from benchmarks.blind.bodies import wrong_by
 from benchmarks.blind.catalogue import CATALOGUE, SIMPLER
 from benchmarks.blind.excitation import RATE, RICH, Motion, PoorShape, choose_centre, poor_motion, rich_motion
+from benchmarks.blind.floor import MapError, Surface, task_text
 from benchmarks.blind.injection import Draw, Injection, Situation
 from benchmarks.blind.logs import record, save
 from benchmarks.blind.noise_scale import ALIKE, NoiseScale, Size
@@ -114,8 +115,8 @@ def poor_episodes(bench: Bench, shape: PoorShape, joint: int, rng: np.random.Gen
     return [*plan, Episode(second, None, False), Episode(third, None, True)]
 
 
-def on_a_surface(bench: Bench, episodes: Sequence[Episode]) -> Bench:
-    """Puts a soft floor under the hand, 4 cm above the lowest point of all motions."""
+def on_a_surface(bench: Bench, episodes: Sequence[Episode], rng: np.random.Generator) -> Bench:
+    """Puts a floor under the hand, as the task has it, 4 cm above the lowest point of all motions."""
     model = rigid_model(bench.arm.believed, bench.arm.side)
     data, lowest = mujoco.MjData(model), []
     for episode in episodes:
@@ -132,7 +133,8 @@ def on_a_surface(bench: Bench, episodes: Sequence[Episode]) -> Bench:
         data.qpos[:] = q
         mujoco.mj_kinematics(model, data)
         height = min(height, float(data.site_xpos[0, 2]) - 0.03)
-    return replace(bench, arm=replace(bench.arm, surface=Surface(height, 0.03, 1.0, 0.3)))
+    floor = Surface(height, float(10.0 ** rng.uniform(3.3, 4.3)), 100.0, 0.3)
+    return replace(bench, arm=replace(bench.arm, surface=floor, mapped=floor))
 
 
 def measure(bench: Bench, episodes: Sequence[Episode], seed: int) -> NoiseScale:
@@ -184,6 +186,21 @@ def plant_effect(
     return best[1]
 
 
+def plant_map_error(error: MapError, bench: Bench, scale: NoiseScale, rng: np.random.Generator) -> Planted:
+    """Draws how the floor differs from the task's, and measures the size of that."""
+    if bench.arm.mapped is None:
+        raise ValueError("the arm has no floor under it")
+    amount = error.draw(bench.arm.mapped, rng)
+
+    def apply(arm: Arm, a: float, _: int) -> Arm:
+        return arm if arm.mapped is None else replace(arm, surface=error.apply(arm.mapped, a))
+
+    injection = Injection(
+        error.effect, (), "contact", amount, amount, apply, lambda a: {"surface0": {error.symbol: a}}
+    )
+    return Planted(injection, amount, scale.size(lambda arm, episode: apply(arm, amount, episode)))
+
+
 def equivalents_of(
     one: Planted, bench: Bench, scale: NoiseScale, episodes: Sequence[Episode], rng: np.random.Generator
 ) -> tuple[str, ...]:
@@ -231,6 +248,8 @@ def write_logs(
 ) -> dict[str, list[str]]:
     """Simulates and writes every episode; returns names of the logs and of those held out."""
     folder.mkdir(parents=True, exist_ok=True)
+    side, mapped = bench.arm.side, bench.arm.mapped
+    task = None if mapped is None else task_text(side, hand_of(side), mapped)
     names: dict[str, list[str]] = {"logs": [], "holdout": []}
     for i, episode in enumerate(episodes):
         arm = apply_all(bench, planted, i)
@@ -239,6 +258,6 @@ def write_logs(
         touching = ["contact" if touch > 0.5 else "free" for touch in columns["touch"]] if phases else None
         repeat = None if episode.repeats is None else f"run_{episode.repeats + 1}"
         path = folder / f"run_{i + 1}.parquet"
-        save(path, columns, arm.drive.joints, repeat, touching)
+        save(path, columns, arm.drive.joints, repeat, touching, task)
         names["holdout" if episode.held_out else "logs"].append(path.name)
     return names

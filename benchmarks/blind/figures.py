@@ -19,7 +19,7 @@ import numpy as np
 
 from benchmarks.blind.answers import NO_ANSWER
 from benchmarks.blind.arm_model import hand_of, read_arm, read_drive, turned
-from benchmarks.blind.blocks import COUNTS
+from benchmarks.blind.blocks import COUNTS, KINDS
 from benchmarks.blind.judged import (
     Cases,
     Judged,
@@ -185,6 +185,17 @@ def by_block(cases: Cases) -> list[str]:
             f" | {', '.join(f'{verdict} {times}' for verdict, times in said)}"
             f" | {np.median(seconds):.1f} | {max(seconds):.1f} | {memory:.0f} |"
         )
+    return rows
+
+
+def by_kind(cases: Cases) -> list[str]:
+    """Returns a table of block G by what was planted."""
+    rows = ["| planted in G | right | verdicts |", "|---|---|---|"]
+    for kind in KINDS:
+        part = [case for case in cases if case.block == "G" and case.truth.get("kind") == kind]
+        said = Counter(case.answer.verdict for case in part).most_common()
+        right = Rate.of([is_right(case) for case in part])
+        rows.append(f"| {kind} | {right} | {', '.join(f'{verdict} {times}' for verdict, times in said)} |")
     return rows
 
 

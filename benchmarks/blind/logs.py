@@ -62,8 +62,9 @@ def save(
     joints: Sequence[str],
     repeat_of: str | None,
     phases: Sequence[str] | None,
+    task: str | None = None,
 ) -> None:
-    """Writes one episode file; nothing in it tells what was wrong with the arm."""
+    """Writes one episode file; nothing in it, the task included, tells what was wrong with the arm or the floor."""
     table: dict[str, Array | Sequence[str | None]] = {"time": columns["time"]}
     for channel in CHANNELS:
         for i, joint in enumerate(joints):
@@ -76,7 +77,7 @@ def save(
         effort_source="joint_sensor",
         gravity_compensation="robot",
         repeat_of=repeat_of,
-        task=None,
+        task=task,
     )
     write_episode(path, table, metadata)
 

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from benchmarks.blind.arm_model import GRAVITY, STEP, Drive, Joints, Link, Surface, hand_of, write_mjcf
+from benchmarks.blind.arm_model import GRAVITY, STEP, Drive, Joints, Link, hand_of, write_mjcf
 from benchmarks.blind.compiled import apply_drives, impedance_law, nominal_records, read_sensors
 from benchmarks.blind.excitation import Motion
+from benchmarks.blind.floor import Surface, Touch
 from benchmarks.blind.records import STATE, Faults
 
 Array = NDArray[np.float64]
@@ -43,7 +44,8 @@ class Arm:
         joints: True drives.
         faults: What is wrong.
         gravity: (3,) true gravity in the base's axes [m/s^2].
-        surface: Floor under the hand, or None.
+        surface: Floor under the hand as it is, or None.
+        mapped: Floor as the task has it, or None.
         pushes: Per episode index, what touches the hand.
     """
 
@@ -55,6 +57,7 @@ class Arm:
     faults: Faults
     gravity: Array = field(default_factory=lambda: np.array([0.0, 0.0, -GRAVITY]))
     surface: Surface | None = None
+    mapped: Surface | None = None
     pushes: tuple[Push, ...] = ()
 
 
@@ -113,7 +116,7 @@ def simulate(arm: Arm, motion: Motion, stiffness: Array, damping: Array, noise: 
         noise: Of the sensors, or None for perfect (but still quantised) ones.
     """
     n = len(arm.drive.joints)
-    text = write_mjcf(arm.links, arm.joints, arm.gravity, hand_of(arm.side), arm.surface)
+    text = write_mjcf(arm.links, arm.joints, arm.gravity, hand_of(arm.side))
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
     support_of = Weight(rigid_model(arm.believed, arm.side))
@@ -138,7 +141,7 @@ def simulate(arm: Arm, motion: Motion, stiffness: Array, damping: Array, noise: 
     lost, frozen = _windows(faults.drop_times, count), _windows(faults.freeze_times, count)
     position, speed = data.qpos, data.qvel
     gap = arm.joints.gap if arm.joints.gap.any() else None
-    meets = arm.surface is not None or bool(arm.pushes)
+    floor = None if arm.surface is None else Touch(model, arm.surface)
     for k in range(count):
         time = (k - settle) * PERIOD
         j = max(k - settle, 0)
@@ -172,8 +175,7 @@ def simulate(arm: Arm, motion: Motion, stiffness: Array, damping: Array, noise: 
         rows[k, :3], rows[k, 3] = seen, commands[k]
         if arm.pushes:
             data.xfrc_applied[hand, :3] = pushed(arm.pushes, time)
-        if meets:
-            touch[k] = touched(model, data) + float(np.linalg.norm(data.xfrc_applied[hand, :3]))
+        touch[k] = float(np.linalg.norm(data.xfrc_applied[hand, :3]))
         for part in range(round(PERIOD / STEP)):
             elapsed = k * PERIOD + part * STEP
             if part:
@@ -184,6 +186,9 @@ def simulate(arm: Arm, motion: Motion, stiffness: Array, damping: Array, noise: 
                 position[n:], speed[n:], spring, errors, elapsed, age, arm.drive.command_delay, lost[k], STEP, out,
             )  # fmt: skip
             data.qfrc_applied[:] = out
+            pressed = 0.0 if floor is None else floor.press(data)
+            if part == 0:
+                touch[k] += pressed
             mujoco.mj_step(model, data)
     kept = rows[settle:]
     times = np.asarray(np.arange(kept.shape[0]) * PERIOD, dtype=np.float64)
@@ -209,17 +214,6 @@ def pushed(pushes: tuple[Push, ...], time: float) -> Array:
     for push in pushes:
         if push.start < time < push.end:
             total += push.force * np.sin(np.pi * (time - push.start) / (push.end - push.start)) ** 2
-    return total
-
-
-def touched(model: mujoco.MjModel, data: mujoco.MjData) -> float:
-    """Returns the sum of the contact forces [N]."""
-    if data.ncon == 0:
-        return 0.0
-    force, total = np.zeros(6), 0.0
-    for i in range(data.ncon):
-        mujoco.mj_contactForce(model, data, i, force)
-        total += float(np.linalg.norm(force[:3]))
     return total
 
 

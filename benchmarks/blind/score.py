@@ -11,7 +11,7 @@ from typing import Any
 
 from benchmarks.blind.answers import Answer, read_answer
 from benchmarks.blind.blocks import SEALED, SEALS, seal_of
-from benchmarks.blind.figures import FIGURES, by_block, by_size
+from benchmarks.blind.figures import FIGURES, by_block, by_kind, by_size
 from benchmarks.blind.judged import Cases, Judged, is_right
 from benchmarks.blind.oracle import read_gap
 
@@ -39,6 +39,7 @@ def score_all(out: Path, answers: Path) -> str:
         lines.append(f"| {figure.title} | {figure.target} | " + " | ".join(values.values()) + " |")
     for tool, cases in judged.items():
         lines += ["", f"{TITLES[tool]}, block by block", "", *by_block(cases)]
+        lines += ["", *by_kind(cases)]
         lines += ["", f"{TITLES[tool]}: single effects (block A) by size over noise", "", *by_size(cases)]
         lines += ["", f"{TITLES[tool]}: most frequent wrong first causes", "", *worst_cells(cases)]
         (answers / f"wrong_{tool}.txt").write_text(wrong_list(cases))
