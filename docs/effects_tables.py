@@ -4,10 +4,10 @@
     python -m docs.effects_tables            rewrites them; run it after adding an effect
     python -m docs.effects_tables --check    exit 1 and the files' names if one of them is not up to date
 
-They are the ids in schemas/patch.schema.json, the table in docs/effects.md, the tables in docs/export.md of what
-becomes of an effect in a URDF and in a MuJoCo model, the table in docs/compensation.md of how a controller takes it
-back, and the number of effects wherever README.md or docs/*.md has it between the markers ``<!-- effect-count -->`` and
-``<!-- /effect-count -->``.
+They are the ids in schemas/patch.schema.json, the table in docs/effects.md, the one in docs/chain.md of where in the
+chain from command to log an effect can be, the tables in docs/export.md of what becomes of an effect in a URDF and in
+a MuJoCo model, the table in docs/compensation.md of how a controller takes it back, and the number of effects
+wherever README.md or docs/*.md has it between the markers ``<!-- effect-count -->`` and ``<!-- /effect-count -->``.
 """
 
 from __future__ import annotations
@@ -15,12 +15,14 @@ from __future__ import annotations
 import re
 import sys
 import textwrap
+from collections.abc import Sequence
 from pathlib import Path
+from typing import get_args
 
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.compensate import compensation_words
 from impedance_modules.effects.effect import Effect
-from impedance_modules.effects.effect_description import Description, Port
+from impedance_modules.effects.effect_description import Description, Place, Port
 from impedance_modules.effects.simulator_numbers import MEANINGS, QUANTITIES, Quantity
 from impedance_modules.export.carrier import D, Format
 from impedance_modules.export.mujoco_format import MUJOCO
@@ -28,6 +30,7 @@ from impedance_modules.export.urdf_format import URDF
 
 CHECKOUT = Path(__file__).resolve().parent.parent
 
+CHAIN = re.compile(r"(<!-- effect-chain -->\n).*?(<!-- /effect-chain -->)", re.DOTALL)
 COUNT = re.compile(r"(<!-- effect-count -->).*?(<!-- /effect-count -->)", re.DOTALL)
 TABLE = re.compile(r"(<!-- effect-table -->\n).*?(<!-- /effect-table -->)", re.DOTALL)
 EXPORTED = re.compile(r"(<!-- exported-effects -->\n).*?(<!-- /exported-effects -->)", re.DOTALL)
@@ -46,7 +49,9 @@ def texts() -> dict[Path, str]:
     out = {schema: ENUM.sub(rf"\g<1>\n{_ids()}\g<2>", schema.read_text())}
     for path in (CHECKOUT / "README.md", *sorted((CHECKOUT / "docs").glob("*.md"))):
         text = COUNT.sub(rf"\g<1>{len(CATALOGUE)}\g<2>", path.read_text())
-        tables = ((TABLE, _table), (EXPORTED, _exported), (PLACES, _places), (COMPENSATED, _compensated))
+        tables = (
+            (TABLE, _table), (CHAIN, _chain), (EXPORTED, _exported), (PLACES, _places), (COMPENSATED, _compensated),
+        )  # fmt: skip
         for marked, table in tables:
             text = marked.sub(lambda found, table=table: f"{found[1]}{table()}\n{found[2]}", text)
         out[path] = text
@@ -88,6 +93,23 @@ def _row(effect: Effect) -> str:
         SEARCHED[effect.searched],
     )
     return f"| {' | '.join(cells)} |"
+
+
+def _chain() -> str:
+    """Which effect a machine can have at which link of the chain from command to log, and by which port."""
+    places = get_args(Place)
+    head = f"| effect | {' | '.join(place.replace('_', ' ') for place in places)} |"
+    return "\n".join(
+        [head, f"|---{'|---' * len(places)}|", *(_chain_row(e, places) for e in CATALOGUE.values())]
+    )
+
+
+def _chain_row(effect: Effect, places: Sequence[Place]) -> str:
+    described = effect.description
+    cells = [
+        ", ".join(port for port in described.ports if described.place(port) == place) for place in places
+    ]
+    return f"| `{effect.id}` | {' | '.join(cells)} |"
 
 
 def _exported() -> str:

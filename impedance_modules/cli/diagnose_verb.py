@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import click
 
@@ -17,6 +17,7 @@ from impedance_modules.diagnosis.result import DEFAULT_TOLERANCE
 from impedance_modules.diagnosis.text_logs import GRAVITIES, SOURCES, Stated
 from impedance_modules.errors import BadInput
 from impedance_modules.extras import need
+from impedance_modules.spec.robot_spec import EncoderSide
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -72,6 +73,12 @@ PATH = click.Path(path_type=Path)
     help="Of a text log that does not say it: where effort was measured  [default: joint_sensor].",
 )
 @click.option(
+    "--encoder",
+    type=click.Choice(get_args(EncoderSide)),
+    help="Side of their gears on which the joints' positions were measured, where the robot file does not say it "
+    " [default: unknown: the link's, and at joints that are called rigid the motor's is looked for].",
+)
+@click.option(
     "--gravity-compensation",
     type=click.Choice(GRAVITIES),
     help="Of a text log that does not say it: what held the arm's weight  [default: none].",
@@ -92,6 +99,7 @@ def diagnose_command(
     recording: Path | None,
     patch: Path | None,
     effort_source: str | None,
+    encoder: EncoderSide | None,
     gravity_compensation: str | None,
 ) -> int:
     """Compare LOG..., recordings of one robot, with the model that was to predict them.
@@ -112,6 +120,7 @@ def diagnose_command(
         ("--hold", hold),
         ("--without", without),
         ("--effects", (effects,)),
+        ("--encoder", (encoder,)),
         ("--map", (import_map,)),
     )
     options = [str(word) for key, values in chosen for value in values if value for word in (key, value)]
@@ -126,6 +135,7 @@ def diagnose_command(
             hold=held_positions(hold),
             import_map=import_map,
             stated=Stated(effort_source, gravity_compensation),
+            encoder=encoder,
             effects=effects,
             without=without,
             under_water=under_water,

@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 from impedance_modules.diagnosis.data.log import InsufficientData
 from impedance_modules.diagnosis.data.long_recordings import read_recordings
 from impedance_modules.diagnosis.data.model_file import ComparedModel, compared_model
-from impedance_modules.diagnosis.data.nominal_model import NominalModel, model_of_spec
+from impedance_modules.diagnosis.data.nominal_model import NominalModel, model_of_spec, with_encoders
 from impedance_modules.diagnosis.diagnose import diagnose, insufficient
 from impedance_modules.diagnosis.result import DEFAULT_TOLERANCE, Diagnosis
 from impedance_modules.diagnosis.text_logs import Stated, as_episodes
@@ -24,6 +24,7 @@ from impedance_modules.episode.run_folder import episode_paths
 from impedance_modules.errors import BadInput, nearest
 from impedance_modules.spec.patch_file import EffectSpec, read_patch
 from impedance_modules.spec.robot_reader import read_robot
+from impedance_modules.spec.robot_spec import EncoderSide
 
 EPISODE_SUFFIX = ".parquet"
 """Of a file that is an episode already."""
@@ -40,6 +41,7 @@ def diagnosed(
     hold: Mapping[str, float] | None = None,
     import_map: Path | None = None,
     stated: Stated = NOTHING_STATED,
+    encoder: EncoderSide | None = None,
     effects: Path | None = None,
     without: Sequence[str] = (),
     under_water: bool = False,
@@ -57,6 +59,7 @@ def diagnosed(
         hold: Position of joints that were not recorded [rad or m]; with ``urdf``.
         import_map: What the columns of those files mean; None for such as say it themselves.
         stated: What text logs without a map do not say themselves.
+        encoder: Side of the gears on which positions were measured, where the robot file does not say it.
         effects: Patch that the model has from the beginning.
         without: Ids of effects that are left out of the catalogue.
         under_water: Whether effects of water are candidates.
@@ -76,10 +79,11 @@ def diagnosed(
     heldout = [episode.name for found in tested for episode in found]
     with _compared(robot, urdf, hold or {}, episodes) as compared:
         known = (*compared.known_effects, *_applied(effects, compared.model))
+        model = compared.model if encoder is None else with_encoders(compared.model, encoder)
         try:
             return diagnose(
                 episodes,
-                compared.model,
+                model,
                 compared.urdf,
                 heldout=heldout,
                 without=without,

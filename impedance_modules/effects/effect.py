@@ -31,7 +31,7 @@ from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.recorded_signals import DriveErrors, Signals
 from impedance_modules.effects.residual_kinds import COVERS, STAGE_OF_PORT, Residual, Stage
 from impedance_modules.effects.simulator_numbers import Exported
-from impedance_modules.spec.robot_spec import RobotSpec
+from impedance_modules.spec.robot_spec import EncoderSide, RobotSpec
 
 Values = Mapping[str, float]
 """An effect's parameters by symbol, in the units of its description."""
@@ -192,19 +192,23 @@ class Effect(ABC):
         """
         return False
 
-    def imitates_noise(self, signals: Signals) -> bool:
+    def encoder_side(self, port: Port) -> EncoderSide | None:
+        """Side of the joint on which it has the encoder sit at this port; None where it says nothing of it."""
+        return None
+
+    def imitates_noise(self, port: Port, signals: Signals) -> bool:
         """Says whether its columns differentiate positions more often than the residuals do.
 
         Their noise is the residuals' own then, and larger: they can take noise away without any truth in them.
         """
         return False
 
-    def noise_column(self, signals: Signals, joint: int, errors: DriveErrors) -> Array | None:
+    def noise_column(self, site: Site, row: int, errors: DriveErrors) -> Array | None:
         """Gives what errors of the positions add to its column (M,); None where that does not matter.
 
         Args:
-            signals: One recording.
-            joint: Index of its joint.
+            site: Where it is looked for, in one recording.
+            row: Index of the joint whose residual it enters.
             errors: What such errors make of the drives' motion and load.
         """
         return None

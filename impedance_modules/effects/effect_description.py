@@ -19,6 +19,7 @@ Place = Literal[
     "torque_sensor",
     "link",
     "encoder",
+    "motor_encoder",
     "velocity_estimate",
     "clock",
     "base",
@@ -27,10 +28,12 @@ Place = Literal[
 """Where in the chain from command to log a real machine has an effect; finer than its port.
 
     command -> drive -> motor -> transmission -> torque_sensor -> link -> encoder -> velocity_estimate -> clock (log)
+                        motor_encoder
 
 The drive makes a motor's torque of a command; the motor is the rotor's side of the gear; the transmission is gear and
-spring between rotor and link; the torque sensor reads what passes there; the velocity estimate is made of what the
-encoder reads. Base and surroundings act on the links from outside.
+spring between rotor and link; the torque sensor reads what passes there. The encoder reads the link or, where a joint
+has a motor encoder instead, the rotor; the velocity estimate is made of what it reads. Base and surroundings act on the
+links from outside.
 """
 
 USUAL_PLACES: Mapping[Port, Place] = {

@@ -3,12 +3,17 @@ r"""The transmission between motor and link: rotor inertia, elasticity, backlash
 
 With the link's position recorded, the motor is at \theta = q + \delta; a deflection \delta that the
 nominal model does not know costs the motor I_r \ddot\delta + D \dot\delta. With the motor's position recorded
-it is the link that moves differently: the joint then consumes -M_ii \ddot\delta.
+(port ``sensor``) it is the link that moves differently, at q = \theta - \delta, on which the torque of all joints
+depends:
+
+    ID(\theta - \delta) - ID(\theta) = -(M \ddot\delta + (dID/dv) \dot\delta + (dID/dq) \delta)
+
+A joint that gives way under its load, \delta = \tau / K, then shows at rest too, by dg/dq.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Literal
 
@@ -16,7 +21,7 @@ import numpy as np
 
 from impedance_modules.arrays import Array
 from impedance_modules.compiled import compiled
-from impedance_modules.effects.effect import Effect, Regressor, Site, Values, ends, one_row
+from impedance_modules.effects.effect import Effect, Regressor, Site, Values, all_rows, ends, one_row
 from impedance_modules.effects.effect_description import Description, Port, joint_parameter
 from impedance_modules.effects.joint_motion import (
     REGULARISATION_VELOCITY,
@@ -27,12 +32,12 @@ from impedance_modules.effects.joint_motion import (
 )
 from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.recorded_signals import DriveErrors, Signals
-from impedance_modules.effects.residual_kinds import Residual
+from impedance_modules.effects.residual_kinds import Residual, uses_motion
 from impedance_modules.effects.simulator_numbers import one_number
 from impedance_modules.errors import BadInput
 from impedance_modules.records import Integer, Record, Scalar, Vector
 from impedance_modules.robot.model import with_reflected_inertia
-from impedance_modules.spec.robot_spec import RobotSpec
+from impedance_modules.spec.robot_spec import EncoderSide, RobotSpec
 
 READ = "read"
 """Shape of play: 1 where the flanks' sides are taken from the load as it was read."""
@@ -44,15 +49,28 @@ SYMBOLS = ("Ia", "fv", "fc")
 
 
 def cost_of_deflection(signals: Signals, joint: int, deflection: Array, residual: Residual) -> Array | None:
-    """Computes the torque that an unknown deflection (N,) costs; None where a residual cannot see it."""
+    """Computes the torque (N,) that an unknown deflection (N,) of the motor costs it; None where nothing shows it."""
     rate = signals.rate_of(deflection)
     second = signals.rate_of(rate)
-    if signals.encoder == "motor":
-        seen = residual in {"motor", "whole"}
-        return -signals.inertia_diagonal[:, joint] * second if seen else None
     if residual not in {"actuator", "motor", "whole"}:
         return None
     return np.asarray(signals.reflected_inertia[joint] * second + signals.motor_damping[joint] * rate)
+
+
+def behind_encoder(signals: Signals, joint: int, deflection: Array, lower: float) -> Regressor:
+    """Computes the torque that the links take less as one of them stays behind its encoder by a deflection (N,)."""
+    return all_rows(-signals.torque_of_shift(joint, deflection)[:, :, None], lower=lower)
+
+
+def may_sit_at(signals: Signals, joint: int, side: EncoderSide) -> bool:
+    """Says whether a joint's encoder may sit on a side of its gear, for all that is known."""
+    return signals.encoder(joint) in (None, side)
+
+
+def with_encoders_at_motors(robot: RobotSpec, names: Iterable[str]) -> RobotSpec:
+    """Returns the robot with some joints' encoders at their motors."""
+    moved = {name: replace(robot.joints[name], encoder="motor") for name in names}
+    return replace(robot, joints={**robot.joints, **moved})
 
 
 class ReflectedInertia(Effect):
@@ -85,9 +103,9 @@ class ReflectedInertia(Effect):
         lowest = -float(signals.reflected_inertia[joint])
         return one_row(joint, signals.motor_acceleration[:, joint], lower=lowest)
 
-    def noise_column(self, signals: Signals, joint: int, errors: DriveErrors) -> Array | None:
+    def noise_column(self, site: Site, row: int, errors: DriveErrors) -> Array | None:
         """The accelerations' noise: the residual has it with the opposite sign, which makes a rotor look lighter."""
-        return np.asarray(errors.acceleration[:, joint])
+        return np.asarray(errors.acceleration[:, row])
 
     def coefficients(self, values: Values, site: Site) -> tuple[Array, dict[str, float]]:
         """Coefficient Ia - I_r."""
@@ -112,7 +130,8 @@ class JointElasticity(Effect):
     description = Description(
         id="joint_elasticity",
         sentence="The gear, or the spring built in behind it, gives: the motor turns ahead of the link by tau / K.",
-        equation="theta = q + effort / K; K replaces the robot file's stiffness; D likewise",
+        equation="theta = q + effort / K; K replaces the robot file's stiffness; D likewise;"
+        " sensor: the encoder sits at the motor and reports theta, tau = ID(theta - effort / K) - ID(theta)",
         parameters=(
             joint_parameter("K", "N.m/rad", "stiffness", lower=0.0, positive=True),
             joint_parameter(
@@ -123,13 +142,14 @@ class JointElasticity(Effect):
                 left_out="the robot file's",
             ),
         ),
-        ports=("actuator",),
-        places={"actuator": "transmission"},
-        signature="a resonance; grows with the square of the frequency below it",
-        confusable_with=("command_delay", "actuator_lag", "backlash", "reflected_inertia"),
+        ports=("actuator", "sensor"),
+        places={"actuator": "transmission", "sensor": "motor_encoder"},
+        signature="a resonance; grows with the square of the frequency below it; at the sensor at rest too",
+        confusable_with=("command_delay", "actuator_lag", "backlash", "reflected_inertia", "encoder_offset"),
         excitation="a chirp through the resonance, or steps",
         reference="Spong 1987; thesis eq. 3.1 to 3.3",
-        applied="Plant and model: the robot's series spring. A rigid joint gets one.",
+        applied="Plant and model: the robot's series spring, and at the sensor its encoder at the motor. A rigid joint"
+        " gets one.",
     )
     replaces = True
     not_exported = "the rotor would have to be a body of its own, with a joint of its own"
@@ -141,18 +161,38 @@ class JointElasticity(Effect):
     def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """What a compliance of one more rad per N.m costs."""
         signals, joint = site.signals, site.joint
+        if site.port == "sensor":
+            if not may_sit_at(signals, joint, "motor"):
+                return None
+            nominal = float(signals.spring_compliance[joint])
+            return behind_encoder(signals, joint, signals.slow_load[:, joint], -nominal)
+        if not may_sit_at(signals, joint, "link"):
+            return None
         column = cost_of_deflection(signals, joint, signals.load[:, joint], residual)
         if column is None:
             return None
         return one_row(joint, column, lower=-float(signals.spring_compliance[joint]))
 
-    def imitates_noise(self, signals: Signals) -> bool:
-        """Where no sensor measures the torque that bends the spring, it is computed from accelerations."""
-        return not signals.measures_springs
+    def shows(self, port: Port, residual: Residual) -> bool:
+        """An encoder at the motor misleads wherever the links' model is evaluated."""
+        return uses_motion(residual) if port == "sensor" else super().shows(port, residual)
 
-    def noise_column(self, signals: Signals, joint: int, errors: DriveErrors) -> Array | None:
+    def encoder_side(self, port: Port) -> EncoderSide | None:
+        """At the sensor, the motor's."""
+        return "motor" if port == "sensor" else "link"
+
+    def imitates_noise(self, port: Port, signals: Signals) -> bool:
+        """Where no sensor measures the torque that bends the spring, it is computed from accelerations.
+
+        Behind an encoder at the motor it is used only up to where its derivatives are no noise.
+        """
+        return port != "sensor" and not signals.measures_springs
+
+    def noise_column(self, site: Site, row: int, errors: DriveErrors) -> Array | None:
         """Its load is computed from accelerations, also where a sensor reads it: that reading has noise of its own."""
-        return np.asarray(signals.reflected_inertia[joint] * errors.load_curvature[:, joint])
+        if site.port == "sensor":
+            return None
+        return np.asarray(site.signals.reflected_inertia[row] * errors.load_curvature[:, row])
 
     def coefficients(self, values: Values, site: Site) -> tuple[Array, dict[str, float]]:
         """Coefficient 1/K - 1/K_nominal."""
@@ -174,7 +214,8 @@ class JointElasticity(Effect):
         for name, values in parameters.items():
             damping = values.get("D", joints[name].spring_damping)
             joints[name] = replace(joints[name], spring_stiffness=values["K"], spring_damping=damping)
-        return replace(robot, joints=joints)
+        sprung = replace(robot, joints=joints)
+        return with_encoders_at_motors(sprung, parameters) if port == "sensor" else sprung
 
 
 class Backlash(Effect):
@@ -183,15 +224,17 @@ class Backlash(Effect):
     description = Description(
         id="backlash",
         sentence="Teeth have play: when the torque changes sign the motor first crosses a gap and drives nothing.",
-        equation="effort = K (theta - q - clamp(theta - q, -b/2, b/2)); delta = (b/2) sgn(effort)",
+        equation="effort = K (theta - q - clamp(theta - q, -b/2, b/2)); delta = (b/2) sgn(effort);"
+        " sensor: the encoder sits at the motor and reports theta, tau = ID(theta - delta) - ID(theta)",
         parameters=(joint_parameter("b", "rad", "full gap", lower=0.0),),
-        ports=("actuator",),
-        places={"actuator": "transmission"},
+        ports=("actuator", "sensor"),
+        places={"actuator": "transmission", "sensor": "motor_encoder"},
         signature="a loop where the torque, not the speed, changes sign",
         confusable_with=("stribeck_friction", "hysteresis", "joint_elasticity", "command_delay"),
         excitation="slow reversals of the torque around zero load",
         reference="Nordin & Gutman 2002",
-        applied="The plant: a dead zone in series with the joint's spring; the joint needs one.",
+        applied="The plant: a dead zone in series with the joint's spring; the joint needs one. At the sensor, its"
+        " encoder at the motor.",
     )
     not_exported = "the rotor would have to be a body of its own, with a joint of its own"
     not_compensated = (
@@ -202,12 +245,28 @@ class Backlash(Effect):
     def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """What crossing a gap of one radian costs."""
         signals = site.signals
+        if not may_sit_at(signals, site.joint, "motor" if site.port == "sensor" else "link"):
+            return None
         load = signals.touch if shape.get(READ) else signals.load
         place = place_in_play(load[:, site.joint])
         if np.ptp(place) == 0.0:
             return None
+        if site.port == "sensor":
+            return behind_encoder(signals, site.joint, place, 0.0)
         column = cost_of_deflection(signals, site.joint, place, residual)
         return None if column is None else one_row(site.joint, column)
+
+    def shows(self, port: Port, residual: Residual) -> bool:
+        """An encoder at the motor misleads wherever the links' model is evaluated."""
+        return uses_motion(residual) if port == "sensor" else super().shows(port, residual)
+
+    def encoder_side(self, port: Port) -> EncoderSide | None:
+        """At the sensor, the motor's."""
+        return "motor" if port == "sensor" else "link"
+
+    def apply_to_robot(self, robot: RobotSpec, port: Port, parameters: Mapping[str, Values]) -> RobotSpec:
+        """At the sensor, the encoder sits at the motor."""
+        return with_encoders_at_motors(robot, parameters) if port == "sensor" else robot
 
     def shapes(self, site: Site) -> tuple[dict[str, float], ...]:
         """Flanks touch by the load that motion and model make, and by the one that was read where noise allows."""

@@ -12,15 +12,21 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from impedance_modules.arrays import Array
 from impedance_modules.effects.joint_motion import JointSample, follow, regularisation_velocity
 from impedance_modules.effects.rigid_model import RigidModel
 from impedance_modules.errors import BadInput
+from impedance_modules.spec.robot_spec import EncoderSide
 from impedance_modules.spec.task import SurfaceSpec
 
 STENCIL = (4.0 / 5.0, -1.0 / 5.0, 4.0 / 105.0, -1.0 / 280.0)
 """Weights of the differences over two, four, six and eight steps (Fornberg 1988)."""
+
+
+SMALL_SHIFT = 1e-3
+"""Largest shift of a position over which the change of the links' torque is taken [rad]: the next order is 1e-7."""
 
 
 def differentiate(values: Array, time: Array) -> Array:
@@ -58,14 +64,18 @@ class Signals:
     Attributes:
         model: Nominal links.
         time: (N,) [s].
-        position, velocity, acceleration: As measured, [rad], [rad/s], [rad/s^2].
+        position, velocity, acceleration: Of the links, as measured, [rad], [rad/s], [rad/s^2].
         effort: As measured [N.m]; None if not recorded.
         drive: Torque asked of the motor: the command plus what the robot adds by itself [N.m], or None.
         position_command: [rad], or None.
         reflected_inertia, motor_damping: (n,) nominal I_r [kg.m^2] and D [N.m.s/rad].
         spring_compliance: (n,) nominal 1 / K_sea [rad/(N.m)], 0 for a rigid joint.
         effort_source: ``joint_sensor``: between gear and link; ``motor``: before rotor inertia and friction.
-        encoder: Side of the gear whose position is recorded.
+        encoders: Side of each joint's gear and spring on which its position was measured; None, or none at all, where
+            nobody says. ``position`` is the link's in any case, as far as the nominal springs tell.
+        deflection_cutoffs: (n,) frequency up to which a load may be differentiated twice without being mostly noise of
+            positions [Hz]; None where there is none.
+        spring_reading: ``effort`` of a joint sensor as it was read, where ``effort`` was cleaned: what bends a spring.
         assistance: Part of ``drive`` that the robot adds by itself, which no delay of the command touches;
             None where it adds nothing.
         surfaces: What the hands could press on, as the task has it; empty where nobody says.
@@ -87,7 +97,9 @@ class Signals:
     motor_damping: Array
     spring_compliance: Array
     effort_source: Literal["joint_sensor", "motor"]
-    encoder: Literal["link", "motor"] = "link"
+    encoders: tuple[EncoderSide | None, ...] = ()
+    deflection_cutoffs: Array | None = None
+    spring_reading: Array | None = None
     assistance: Array | None = None
     clean_drive: Array | None = None
     surfaces: tuple[SurfaceSpec, ...] = ()
@@ -138,6 +150,20 @@ class Signals:
         """Torque between gear and link (N, n) [N.m]: measured by a joint sensor, else the model's."""
         return self.effort if self.effort is not None and self.measures_springs else self.rigid
 
+    @cached_property
+    def slow_load(self) -> Array:
+        """The load (N, n) [N.m] as read, or the model's, up to where its second derivative becomes noise."""
+        loads = self.load if self.spring_reading is None else self.spring_reading
+        if self.deflection_cutoffs is None:
+            return loads
+        from scipy.signal import butter, sosfiltfilt  # noqa: PLC0415 - a slow import that a run does without
+
+        rate = (self.samples - 1) / (self.time[-1] - self.time[0])
+        bands = [
+            butter(4, min(cutoff, 0.4 * rate), fs=rate, output="sos") for cutoff in self.deflection_cutoffs
+        ]
+        return np.column_stack([sosfiltfilt(band, load) for band, load in zip(bands, loads.T, strict=True)])
+
     @property
     def touch(self) -> Array:
         """The load (N, n) [N.m] as it was read: which flanks of the teeth carry it."""
@@ -147,8 +173,44 @@ class Signals:
 
     @cached_property
     def _deflection(self) -> Array:
-        """Theta - q by the nominal springs (N, n) [rad]; zero where the encoder sits at the motor."""
-        return self.load * self.spring_compliance * (self.encoder == "link")
+        """Theta - q by the nominal springs (N, n) [rad]."""
+        return self.load * self.spring_compliance
+
+    def encoder(self, joint: int) -> EncoderSide | None:
+        """Side on which a joint's position was measured; the link's of a stated spring of which no more is said."""
+        stated = self.encoders[joint] if self.encoders else None
+        return "link" if stated is None and self.spring_compliance[joint] else stated
+
+    @cached_property
+    def encoder_at_motor(self) -> NDArray[np.bool_]:
+        """Which joints' encoders (n,) sit at their motors."""
+        return np.array([self.encoder(joint) == "motor" for joint in range(self.n)], dtype=bool)
+
+    @cached_property
+    def encoder_position(self) -> Array:
+        """Positions (N, n) where the encoders sit [rad]."""
+        return self.position + self._deflection * self.encoder_at_motor
+
+    @cached_property
+    def encoder_velocity(self) -> Array:
+        """Speeds (N, n) where the encoders sit [rad/s]."""
+        return np.where(self.encoder_at_motor, self.motor_velocity, self.velocity)
+
+    def torque_of_shift(self, joint: int, shift: Array) -> Array:
+        r"""Computes how ID changes as one joint's path is shifted by a small \delta (N,), to first order, (N, n) [N.m].
+
+        (dID/dq) \delta + (dID/dv) \dot\delta + M \ddot\delta, by a central difference along the path.
+        """
+        rate = self.rate_of(shift)
+        scale = SMALL_SHIFT / max(float(np.abs(shift).max()), 1e-300)
+        moves = [scale * part for part in (shift, rate, self.rate_of(rate))]
+        ends = []
+        for way in (1.0, -1.0):
+            motion = [part.copy() for part in (self.position, self.velocity, self.acceleration)]
+            for part, move in zip(motion, moves, strict=True):
+                part[:, joint] += way * move
+            ends.append(self.model.torque(*motion))
+        return np.asarray((ends[0] - ends[1]) / (2.0 * scale))
 
     @cached_property
     def motor_velocity(self) -> Array:
@@ -163,11 +225,6 @@ class Signals:
         if not self.spring_compliance.any():
             return self.acceleration
         return self.acceleration + self.rate_of(self.motor_velocity - self.velocity)
-
-    @cached_property
-    def inertia_diagonal(self) -> Array:
-        """Diagonal of M(q) (N, n) [kg.m^2]."""
-        return self.model.inertia_diagonal(self.position)
 
     @cached_property
     def position_derivative(self) -> Array:

@@ -302,7 +302,7 @@ class VelocityFilterLag(Stepped):
         """The lag at T, and its slope by T."""
         signals = site.signals
         joint, T = site.joint, float(shape["T"])
-        true, change = signals.velocity[:, joint], 0.02 * T + 1e-5
+        true, change = signals.encoder_velocity[:, joint], 0.02 * T + 1e-5
         slow = lagged(true, signals.time, T)
         slope = (lagged(true, signals.time, T + change) - slow) / change
         return one_row(joint, slope, slow - true, lower=-T)
@@ -352,7 +352,7 @@ class ClockDrift(Effect):
         signals = site.signals
         values = np.zeros((signals.samples, signals.n))
         if residual == "velocity":
-            values += signals.velocity
+            values += signals.encoder_velocity
         if uses_motion(residual):
             values += 2.0 * (signals.rigid - signals.weight)
         if shape.get(APART) and "drive" in COVERS[residual]:

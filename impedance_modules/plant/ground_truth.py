@@ -62,6 +62,11 @@ class GroundTruth:
         return theta
 
     @property
+    def encoder_position(self) -> Vector:
+        """True positions (n,) where each joint's encoder sits [rad]: q, or theta."""
+        return np.where(self._model.encoder_at_motor, self.motor_position, self.state.start.position)
+
+    @property
     def motor_velocity(self) -> Vector:
         """Motor velocities (n,) [rad/s]."""
         return self.state.start.motor_velocity.copy()

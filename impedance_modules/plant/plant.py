@@ -154,6 +154,7 @@ class Plant(GroundTruth):
         inner = model.spec.inner_torque_loop
         self._inner_loop = None if inner is None else TorqueFeedback(inner, state)
         self._ideal = bool(np.any(state.joints["kind"] == IDEAL))
+        self._encoders_at_motors = bool(model.encoder_at_motor.any())
         self._queue: CommandQueue | None = None
         self._standing: Order | None = None
         self._periods = 0
@@ -191,7 +192,7 @@ class Plant(GroundTruth):
         self.aim(position, np.zeros(self.model.n))
         self._rest(position)
         self.state.start.whole[-WORK_SIZE:] = 0.0
-        self._start_robot(position)
+        self._start_robot()
 
     def refuse_start(self, q: Vector) -> None:
         """Puts everything at rest at q (n,) [rad] and refuses what ``reset`` would; leaves the plant unfit to run.
@@ -213,11 +214,11 @@ class Plant(GroundTruth):
             self._integrator.step = self.division.step
             self.start_command = self._start.rest(position)
 
-    def _start_robot(self, position: Vector) -> None:
+    def _start_robot(self) -> None:
         """Starts sensors, command queue and clock."""
         source = np.random.default_rng(self._options.seed) if self._options.noise else None
         self._sensors = Sensors(self.model.spec.sensors, self._effects.sensors, self.division.loop, source)
-        self._sensors.reset(position)
+        self._sensors.reset(self._at_encoders())
         start = Order(Mode.TORQUE, self.start_command.copy())
         timing = replace(self._timing, command_delay=self._effects.command_delay)
         self._queue = CommandQueue(timing, self._options.rate, start)
@@ -303,7 +304,11 @@ class Plant(GroundTruth):
         if self._ideal:
             self._deflect_ideal_joints()
         self._integrator.advance(self.division.steps)
-        self._sensors.update(self.state.start.position)
+        self._sensors.update(self._at_encoders())
+
+    def _at_encoders(self) -> Vector:
+        """Gives the true positions (n,) where the encoders sit [rad]: the links', or the motors'."""
+        return self.encoder_position if self._encoders_at_motors else self.state.start.position
 
     def _pushable(self) -> dict[str, int]:
         """Names the bodies that can be pushed, limbs and ``object``, with their rows of wrenches."""

@@ -65,11 +65,11 @@ class RolloutPlant(Plant):
             aims: (N, 2, n) joint motion that the controller aims at; None where nobody recorded it.
 
         Returns:
-            Positions and velocities of the links (N, n), each at the end of its step.
+            True positions and velocities where the encoders sit (N, n), each at the end of its step.
         """
         weight, offset = self._weight, self._effects.sensors.offset
         joints, n = self.state.joints, self.state.n
-        position, velocity = self.state.start.position, self.state.start.velocity
+        position, velocity = self._at_encoders(), self.state.start.velocity
         out = np.empty((2, len(commands), n))
         for k, command in enumerate(commands):
             joints["command"] = command
@@ -78,7 +78,11 @@ class RolloutPlant(Plant):
             if aims is not None:
                 self.aim(aims[k, 0], aims[k, 1])
             self._integrator.advance(1)
+            position = self._at_encoders()
             out[0, k], out[1, k] = position, velocity
+        if self._encoders_at_motors and len(commands) > 1:
+            at_motor = self.model.encoder_at_motor
+            out[1][:, at_motor] = np.gradient(out[0][:, at_motor], self.division.step, axis=0)
         return out[0], out[1]
 
     def assistance(self, position: Vector) -> Vector:

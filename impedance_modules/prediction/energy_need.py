@@ -33,6 +33,7 @@ from impedance_modules.prediction.compensation_forecast import CompensationForec
 from impedance_modules.prediction.mechanism import Mechanism
 from impedance_modules.prediction.quasi_static import MotionPrediction
 from impedance_modules.robot.model import RobotModel
+from impedance_modules.safety.motor_port import spring_compliances
 from impedance_modules.safety.tank import DEVIATIONS
 from impedance_modules.superposition.elastic_joints import sampling_of
 
@@ -211,8 +212,8 @@ def _filter_gain(period: float, lag: float) -> float:
 
 
 def _sensor_variances(model: RobotModel) -> tuple[Array, Array]:
-    """Gives variances (n,) of measured positions and of effort / K_sea [rad^2], rounding included."""
+    """Gives variances (n,) of measured positions and of the effort / K_sea added to them [rad^2], rounding included."""
     sensors = model.spec.sensors
     position = sensors.position_resolution**2 / 12.0 + sensors.position_noise**2
     effort = sensors.effort_resolution**2 / 12.0 + sensors.effort_noise**2
-    return np.full(model.n, position), effort * model.spring_compliance() ** 2
+    return np.full(model.n, position), effort * spring_compliances(model.joints) ** 2

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -102,6 +103,11 @@ class RobotModel:
     def column(self, attribute: str) -> Array:
         """Collects one number per joint, e.g. ``effort_max``, as (n,) in the model's order."""
         return np.array([float(getattr(joint, attribute)) for joint in self.joints])
+
+    @cached_property
+    def encoder_at_motor(self) -> NDArray[np.bool_]:
+        """Which joints (n,) report the motor's position theta and not the link's q."""
+        return np.array([joint.encoder == "motor" for joint in self.joints], dtype=bool)
 
     def spring_compliance(self) -> Array:
         """Gives 1 / K_sea per joint, (n,) [rad/(N.m)]; 0 for a rigid joint."""

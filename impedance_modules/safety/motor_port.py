@@ -24,12 +24,15 @@ exp(-2 pi^2 0.35^2) / pi = 3 % of a step."""
 
 
 def spring_compliances(joints: tuple[JointSpec, ...]) -> Vector:
-    """How far each series-elastic spring twists per torque: 1 / K_sea, and 0 for a rigid joint.
+    """How far the rotor turns ahead of the reported position per torque: the twist 1 / K_sea of a series spring.
+
+    It is 0 for a rigid joint, and for one whose encoder sits at the motor: that one reports theta itself.
 
     Returns:
         (n,) [rad/N.m], in the order of ``joints``.
     """
-    return np.array([0.0 if j.spring_stiffness is None else 1.0 / j.spring_stiffness for j in joints])
+    unseen = (None if j.encoder == "motor" else j.spring_stiffness for j in joints)
+    return np.array([0.0 if stiffness is None else 1.0 / stiffness for stiffness in unseen])
 
 
 @compiled

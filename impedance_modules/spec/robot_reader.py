@@ -173,6 +173,7 @@ def _joint(name: str, row: Mapping[str, Any]) -> JointSpec:
         reflected_inertia=float(row["reflected_inertia"]),
         motor_damping=float(row["motor_damping"]),
         spring_damping=float(row["spring_damping"]),
+        encoder=row.get("encoder"),
     )
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
 
 from impedance_modules.spec.gripper_spec import GripperSpec
 
@@ -17,6 +18,9 @@ STANDARD_GRAVITY = 9.81
 
 UPRIGHT_GRAVITY = (0.0, 0.0, -STANDARD_GRAVITY)
 """Gravity's acceleration in world axes, and in the axes of a base that stands upright [m/s^2]."""
+
+EncoderSide = Literal["link", "motor"]
+"""Side of a joint's gear and spring on which its position is measured."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +37,7 @@ class JointSpec:
         reflected_inertia: Rotor inertia seen at the joint, I_r [kg.m^2]; 0 is an ideal torque source.
         motor_damping: Viscous friction of the motor, D [N.m.s/rad].
         spring_damping: Structural damping in parallel to K_sea [N.m.s/rad].
+        encoder: Side on which its position is measured; None where nobody says, and the link's is taken.
     """
 
     name: str
@@ -45,6 +50,7 @@ class JointSpec:
     reflected_inertia: float
     motor_damping: float
     spring_damping: float
+    encoder: EncoderSide | None = None
 
 
 @dataclass(frozen=True)

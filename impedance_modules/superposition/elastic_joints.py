@@ -38,6 +38,7 @@ class Drives:
         motor_damping: (k,) D [N.m.s/rad].
         spring_damping: (k,) D_sea [N.m.s/rad].
         inner_loop: The robot's own torque loop around them, all elastic then; None without.
+        encoder_at_motor: (k,) whose reported position is the motor's; None for none.
     """
 
     spring_stiffness: Array
@@ -45,6 +46,7 @@ class Drives:
     motor_damping: Array
     spring_damping: Array
     inner_loop: InnerTorqueLoopSpec | None = None
+    encoder_at_motor: NDArray[np.bool_] | None = None
 
     @property
     def apparent_inertia(self) -> Array:
@@ -61,6 +63,11 @@ class Drives:
     def rigid(self) -> NDArray[np.bool_]:
         """(k,) which joints are one body with their rotor."""
         return ~np.isfinite(self.spring_stiffness) & (self.reflected_inertia > 0.0)
+
+    @property
+    def reads_rotor(self) -> NDArray[np.bool_]:
+        """(k,) which joints report a rotor that moves on its own, and not the link."""
+        return self.elastic & (False if self.encoder_at_motor is None else self.encoder_at_motor)
 
 
 @dataclass(frozen=True)
@@ -113,6 +120,7 @@ def drives_of(model: RobotModel, joints: NDArray[np.intp]) -> Drives:
         model.column("motor_damping")[joints],
         model.column("spring_damping")[joints],
         model.spec.inner_torque_loop,
+        model.encoder_at_motor[joints],
     )
 
 
@@ -152,14 +160,25 @@ def sampled_arm(
             drives.inner_loop, own, push, _spring_torque(drives, N, len(own)), period
         )
     size = len(own)
-    links = np.eye(size)[: N.shape[1]]
-    loop, push = _with_estimate(own, push, N @ links, period, sampling.velocity_filter)
+    read = _read_positions(drives, N, size)
+    loop, push = _with_estimate(own, push, read, period, sampling.velocity_filter)
     A, B = np.eye(len(loop)), np.zeros_like(push)
     for _ in range(sampling.robot_loops):
         A, B = loop @ A, loop @ B + push
     reads = np.eye(len(loop))
     arm = SampledArm(A, B, reads[size : size + k], reads[size + k :], sampling)
     return _on_motor_side(arm, drives, N) if sampling.motor_side else arm
+
+
+def _read_positions(drives: Drives, N: Array, size: int) -> Array:
+    """Gives the rows (k, size) that read what the encoders report from the state: N y, or the rotor's theta."""
+    m, elastic = N.shape[1], drives.elastic
+    read = np.zeros((len(N), size))
+    read[:, :m] = N
+    at_motor = np.flatnonzero(drives.reads_rotor)
+    read[at_motor] = 0.0
+    read[at_motor, m + np.cumsum(elastic)[at_motor] - 1] = 1.0
+    return read
 
 
 def _spring_torque(drives: Drives, N: Array, size: int) -> Array:
@@ -215,7 +234,7 @@ def _with_estimate(step: Array, push: Array, read: Array, period: float, lag: fl
 
 
 def _on_motor_side(arm: SampledArm, drives: Drives, N: Array) -> SampledArm:
-    r"""Adds the rate of the springs' deflection \theta - q to the velocity that is damped.
+    r"""Adds the rate of the springs' deflection \theta - q to the velocity that is damped, where it lacks it.
 
     The effort sensor sees the spring's deflection, not its damping: effort / K_sea = \theta - q.
     """
@@ -223,6 +242,7 @@ def _on_motor_side(arm: SampledArm, drives: Drives, N: Array) -> SampledArm:
     e, k, size = int(np.sum(elastic)), len(elastic), len(arm.A)
     select = np.eye(k)[:, elastic]
     deflect = np.hstack([-np.diag(elastic.astype(float)) @ N, select])
+    deflect[drives.reads_rotor] = 0.0
     deflection = np.zeros((k, size))
     deflection[:, : m + e] = deflect
     sampling = arm.sampling

@@ -19,7 +19,7 @@ BODY = np.array([2.0, 0.0, 0.0, 0.0, 0.02, 0.0, 0.02, 0.0, 0.0, 0.02])
 def effect(**more: object) -> SimpleNamespace:
     given = {
         "computed_from_command": lambda port: False,
-        "imitates_noise": lambda signals: False,
+        "imitates_noise": lambda port, signals: False,
         "constant_part": None,
         "unresolved": lambda shape, resolution: None,
         "out_of_reach": lambda change, spread, reach: None,
@@ -32,7 +32,10 @@ def effect(**more: object) -> SimpleNamespace:
 def trial(key: str = "elbow", change: np.ndarray | None = None, **more: object) -> SimpleNamespace:
     own = np.ones(1) if change is None else np.array(change, dtype=float)
     candidate = SimpleNamespace(
-        effect=more.pop("effect", effect()), key=key, port="link", site=lambda signals: None
+        effect=more.pop("effect", effect()),
+        key=key,
+        port="link",
+        site=lambda signals: SimpleNamespace(signals=signals, port="link"),
     )
     term = SimpleNamespace(
         key=("new", key, "link"), candidate=candidate, groups=(0,), columns=({},), fixed=({},),
@@ -62,7 +65,7 @@ def test_what_makes_it_this_effect_must_be_there(chi_square: float, rejected: bo
 
 
 def test_what_imitates_noise_is_named_of_repeated_motions_only() -> None:
-    noisy = effect(imitates_noise=lambda signals: True, computed_from_command=lambda port: True)
+    noisy = effect(imitates_noise=lambda port, signals: True, computed_from_command=lambda port: True)
     assert "positions' noise" in str(rules().implausible(trial(effect=noisy)))
     repeated = Plausibility(signals=None, bodies={}, reach=1.0, pairs=((0, 1),), resolution=0.0)
     assert repeated.implausible(trial(effect=noisy)) is None

@@ -88,7 +88,7 @@ def test_a_push_that_explains_less_than_the_first_causes_was_none(searched) -> N
 def regressor(**more: object) -> SimpleNamespace:
     effect = SimpleNamespace(
         proportional_to_command=lambda port: port == "timing",
-        imitates_noise=lambda signals: signals == "no sensor",
+        imitates_noise=lambda port, signals: signals == "no sensor",
     )
     given = {
         "shape": {},

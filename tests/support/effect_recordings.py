@@ -3,7 +3,7 @@
 
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -72,9 +72,7 @@ def patch_of(robot: str, entries: Sequence[AppliedEffect]) -> PatchSpec:
 def nominal(spring_damping: float) -> RobotSpec:
     """Perfect sensors, no delay, and springs whose damping the effort sensor does not miss."""
     spec = exact(spec_of(SIX_JOINTS))
-    damped = [name for name, joint in spec.joints.items() if joint.spring_stiffness]
-    changed = {name: replace(spec.joints[name], spring_damping=spring_damping) for name in damped}
-    return replace(spec, joints={**with_every(spec, spring_damping=0.0).joints, **changed})
+    return with_every(spec, spring_damping=spring_damping)
 
 
 def start(model: RobotModel) -> np.ndarray:

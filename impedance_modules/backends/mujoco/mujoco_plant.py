@@ -84,6 +84,7 @@ class MujocoPlant:
         self._losses = _motor_losses(self._physics, worn, scene)
         self._compliance = model.spring_compliance()
         self._stiffness = np.array([joint.spring_stiffness or 0.0 for joint in model.joints])
+        self._encoders_at_motors = bool(model.encoder_at_motor.any())
         self._ideal = np.array([joint_kind(joint) == IDEAL for joint in model.joints])
         self._weight = WeightCompensation(model, worn.plant, options.gravity)
         self._pushes = _pushed_bodies(model, scene, pushes)
@@ -120,6 +121,13 @@ class MujocoPlant:
             theta[self._ideal] += (self._compliance * self.data.qfrc_actuator[self._at.velocity])[self._ideal]
         return np.asarray(theta)
 
+    @property
+    def encoder_position(self) -> Vector:
+        """Positions (n,) where each joint's encoder sits [rad]: q, or theta."""
+        if not self._encoders_at_motors:
+            return self.position
+        return np.where(self.model.encoder_at_motor, self.motor_position, self.position)
+
     def warm(self, q: Vector) -> None:
         """Stands reset at q (n,) [rad]; there is nothing to compile."""
         self.reset(q)
@@ -139,15 +147,15 @@ class MujocoPlant:
         self._set_drives()
         mujoco.mj_forward(self._physics, self.data)
         self._motor_before = self.motor_position
-        self._start_robot(position)
+        self._start_robot()
 
-    def _start_robot(self, position: Vector) -> None:
+    def _start_robot(self) -> None:
         """Starts sensors and command queue."""
         source = np.random.default_rng(self._options.seed) if self._options.noise else None
         self._sensors = Sensors(
             self.model.spec.sensors, self._worn.plant.sensors, self._division.loop, source
         )
-        self._sensors.reset(position)
+        self._sensors.reset(self.encoder_position)
         timing = replace(self.model.spec.timing, command_delay=self._worn.plant.command_delay)
         self._queue = CommandQueue(timing, self._options.rate, Order(Mode.TORQUE, self.start_command.copy()))
         self._standing = None
@@ -248,7 +256,7 @@ class MujocoPlant:
         before = self.velocity
         mujoco.mj_step(self._physics, self.data, self._division.steps)
         self._refuse_non_finite(time, before)
-        self._sensors.update(self.position)
+        self._sensors.update(self.encoder_position)
 
     def _set_drives(self) -> None:
         """Gives the actuators command and weight compensation, through the drives' path where a patch has one."""

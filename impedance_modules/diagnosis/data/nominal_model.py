@@ -7,19 +7,20 @@ actuator port  \tau_m = \tau_s + I_r \ddot\theta + D \dot\theta,  \theta = q + \
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.rigid_tree import RigidTree, read_tree
 from impedance_modules.effects.catalogue import CATALOGUE
+from impedance_modules.effects.effect_description import Port
 from impedance_modules.errors import BadInput
 from impedance_modules.spec.patch_file import EffectSpec
-from impedance_modules.spec.robot_spec import InnerTorqueLoopSpec, RobotSpec
+from impedance_modules.spec.robot_spec import EncoderSide, InnerTorqueLoopSpec, RobotSpec
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +41,8 @@ class NominalModel:
         inner_loop: The robot's own feedback of joint torque; None where nothing is stated.
         hands: Limb -> the frame of its hand; empty where nothing is stated.
         notes: What was assumed when it was made of a description, in sentences.
+        encoders: (n,) side of the gear on which each joint's position is measured; None, or none at all, where nobody
+            says.
     """
 
     robot: str
@@ -56,6 +59,7 @@ class NominalModel:
     inner_loop: InnerTorqueLoopSpec | None = None
     hands: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    encoders: tuple[EncoderSide | None, ...] = ()
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -111,7 +115,20 @@ def model_of_spec(spec: RobotSpec, joints: Sequence[str]) -> NominalModel:
         spring_damping=np.array([drive.spring_damping for drive in drives]),
         inner_loop=spec.inner_torque_loop,
         hands={limb.name: limb.hand for limb in spec.limbs.values()},
+        encoders=tuple(drive.encoder for drive in drives),
     )
+
+
+def with_encoders(
+    model: NominalModel, side: EncoderSide, joints: Collection[str] | None = None
+) -> NominalModel:
+    """States on which side the encoders of some joints sit, or those of all joints of which nothing is stated."""
+    stated = model.encoders or (None,) * model.n
+    chosen = [
+        side if (known is None if joints is None else joint in joints) else known
+        for joint, known in zip(model.joints, stated, strict=True)
+    ]
+    return replace(model, encoders=tuple(chosen))
 
 
 def with_known_effects(
@@ -137,6 +154,9 @@ def with_known_effects(
             )
             for key, symbols in spec.parameters.items()
         }
+        side = CATALOGUE[spec.effect].encoder_side(cast("Port", spec.port))
+        if side is not None:
+            model = with_encoders(model, side, spec.parameters)
         if any(numbers.values()):
             model = _with(model, numbers)
         else:

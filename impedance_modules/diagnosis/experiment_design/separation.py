@@ -129,6 +129,7 @@ class MotionPredictor:
             motor_damping=model.motor_damping,
             effort_source="joint_sensor" if sensor else "motor",
             spring_compliance=model.compliance,
+            encoders=model.encoders,
             assistance=self.rigid.weight(q),
         )
 

@@ -270,7 +270,7 @@ def _simple_candidates(
 
 def _imitates_noise(regressor: CandidateRegressor, signals: Signals) -> bool:
     one = regressor.candidate
-    return one is not None and one.effect.imitates_noise(signals)
+    return one is not None and one.effect.imitates_noise(one.port, signals)
 
 
 def _in_proportion(regressor: CandidateRegressor) -> bool:

@@ -88,7 +88,8 @@ class Plausibility:
         """Why a trial's own numbers reject it."""
         if trial.in_sample.contrast_chi_square < CONTRAST_MIN:
             return "what makes it this effect rather than a simpler one is not there for certain"
-        if not self.pairs and trial.term.candidate.effect.imitates_noise(self.signals):
+        candidate = trial.term.candidate
+        if not self.pairs and candidate.effect.imitates_noise(candidate.port, self.signals):
             return "only a motion that is repeated tells it from the positions' noise, which it contains"
         made = None if self.pairs else made_by_noise(trial, self.prepared)
         if (
@@ -138,7 +139,7 @@ def made_by_noise(trial: CandidateTrial, prepared: Sequence[Prepared]) -> float 
         errors = made_by_positions(item, r)
         for g in term.groups:
             residual, joint = design.groups[g]
-            column = effect.noise_column(item.signals, joint, errors.drive)
+            column = effect.noise_column(term.candidate.site(item.signals), joint, errors.drive)
             if column is None:
                 return None
             both += float(

@@ -56,6 +56,7 @@ def clean_signals(signals: Signals, noise: Array | None = None, flicker: Array |
         signals,
         effort=effort,
         reading=reading,
+        spring_reading=signals.effort if signals.measures_springs else None,
         clean_drive=_clean_drive(signals, noise),
         position_command=_aimed(signals),
     )

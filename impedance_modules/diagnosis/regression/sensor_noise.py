@@ -8,7 +8,8 @@ noise beyond the motion's frequencies and the grid's errors bound the floor from
 
     \delta r_link = -M(q) \delta a,      \delta r_actuator = -I_r \delta a,      \delta r_velocity = -\delta v
 
-Behind a spring 1/c whose torque no sensor measures, the rotor's acceleration is \delta a + c M(q) \delta a''.
+Behind a spring 1/c whose torque no sensor measures, the rotor's acceleration is \delta a + c M(q) \delta a''; where the
+encoder sits at the rotor, the link's is \delta a - c M(q) \delta a''.
 
 The noise of a residual changes with the motion: an outstretched arm has more inertia, a heavy load shakes it.
 
@@ -216,11 +217,11 @@ def acceleration_noise(one: Prepared, other: Prepared) -> Array:
 def _torques(item: Prepared, speed: Array, acceleration: Array, snap: Array) -> Rounding:
     """What links and rotors would need; M(q) changes little while noise does."""
     mass, signals = mass_matrix(item.tree, item.position), item.signals
-    torque = np.einsum("mij,mj->mi", mass, acceleration)
     curvature = np.einsum("mij,mj->mi", mass, snap)
-    turning = acceleration
-    if not signals.measures_springs:
-        turning = turning + signals.spring_compliance * curvature
+    twist = 0.0 if signals.measures_springs else signals.spring_compliance * curvature
+    links = acceleration - twist * signals.encoder_at_motor
+    torque = np.einsum("mij,mj->mi", mass, links)
+    turning = links + twist
     rotor = signals.reflected_inertia * turning
     return Rounding(acceleration, speed, snap, torque, rotor, DriveErrors(turning, curvature))
 

@@ -28,6 +28,9 @@ NOISE_SHARE = 0.05
 BAND_MIN, BAND_MAX = 3.0, 20.0
 """Least and greatest end of the band [Hz]."""
 
+BAND_LEAST = 0.5
+"""Least end of the band of a deflection [Hz]."""
+
 WORK_RATE = 200.0
 """Recordings with a higher rate are thinned to it, after a zero-phase filter [Hz]."""
 
@@ -162,13 +165,26 @@ def least_duration(cutoff: float, rows: int) -> float:
     return rows / 2.5 / cutoff
 
 
-def _cutoff(position: Array, rate: float) -> float | None:
-    """End of the band of one joint; None where it hardly moves."""
+def deflection_cutoffs(log: Log) -> Array:
+    """Finds up to where (n,) the torque that bends a joint's spring may be differentiated twice [Hz].
+
+    Up to there the noise of its reading, or of the positions whose accelerations make it, stays below `NOISE_SHARE` of
+    the derivative.
+    """
+    if log.effort is not None and log.effort_source == "joint_sensor":
+        found = [_cutoff(column, log.rate) for column in log.effort.T]
+    else:
+        found = [_cutoff(column, log.rate, derivatives=4) for column in log.position.T]
+    return np.array([BAND_LEAST if cutoff is None else max(cutoff, BAND_LEAST) for cutoff in found])
+
+
+def _cutoff(position: Array, rate: float, derivatives: int = 2) -> float | None:
+    """End of the band of one joint, by so many derivatives of its position; None where noise is all there is."""
     window = np.hanning(len(position))
     power = np.abs(np.fft.rfft(window * (position - position.mean()))) ** 2
     frequency = np.fft.rfftfreq(len(position), 1.0 / rate)
     noise = float(np.median(power[frequency > 0.35 * rate])) / np.log(2.0)
-    lift = (2.0 * np.pi * frequency) ** 4
+    lift = (2.0 * np.pi * frequency) ** (2 * derivatives)
     noise_power = np.cumsum(lift * noise)
     signal_power = np.cumsum(lift * np.clip(power - noise, 0.0, None) * (power > 10.0 * noise))
     if signal_power[-1] == 0.0:

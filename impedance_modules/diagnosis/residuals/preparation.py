@@ -23,10 +23,11 @@ from impedance_modules.diagnosis.data.rigid_dynamics import (
     BatchedRigidModel,
     gravity_regressor,
     inertial_regressor,
+    inverse_dynamics,
 )
 from impedance_modules.diagnosis.data.rigid_tree import RigidTree
 from impedance_modules.diagnosis.data.time_base import delayed
-from impedance_modules.diagnosis.residuals.band import Band, CommonBand
+from impedance_modules.diagnosis.residuals.band import Band, CommonBand, deflection_cutoffs
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.drive_effects import lagged
 from impedance_modules.effects.effect import Site, predicted
@@ -37,6 +38,8 @@ from impedance_modules.spec.patch_file import EffectSpec
 
 AppliedEffect = tuple[str, Port, Mapping[str, Mapping[str, float]]]
 """Id of an effect, its port, and key -> symbol -> value."""
+SPRING_ROUNDS = 2
+"""Times that a spring's load is computed from the motion of a link that it moves."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,12 +103,13 @@ def prepare(
     """Computes a log's residuals against the model with the known effects of a patch applied."""
     log = _thinned(log, common)
     band = common.at(log.rate)
-    q = band.smooth(log.position)
+    reading = band.smooth(log.position)
     time = log.start + np.arange(log.samples) / log.rate
+    q = _link_position(log, model, band, time, reading)
     v = differentiate(q, time)
     a = differentiate(v, time)
     regressor = inertial_regressor(model.tree, q, v, a)
-    weight = gravity_regressor(model.tree, q)
+    weight = gravity_regressor(model.tree, reading)  # the robot knows its readings only
     signals = _signals(log, model, rigid, band, (time, q, v, a), weight @ model.tree.inertia)
     effort = signals.effort
     torque = regressor @ model.tree.inertia
@@ -133,6 +137,21 @@ def prepare(
         acceleration=band.pick(a),
         load=band.pick(load),
     )
+
+
+def _link_position(log: Log, model: NominalModel, band: Band, time: Array, reading: Array) -> Array:
+    """Positions (N, n) of the links: behind encoders at the motors, by what the nominal springs give."""
+    at_motor = np.array([side == "motor" for side in model.encoders or (None,) * model.n])
+    compliance = model.compliance * at_motor
+    if not compliance.any():
+        return reading
+    if log.effort is not None and log.effort_source == "joint_sensor":
+        return np.asarray(reading - compliance * band.smooth(log.effort))
+    q = reading
+    for _ in range(SPRING_ROUNDS):
+        v = differentiate(q, time)
+        q = reading - compliance * inverse_dynamics(model.tree, q, v, differentiate(v, time))
+    return q
 
 
 def _grid_errors(log: Log, model: NominalModel, signals: Signals, torque: Array) -> Array:
@@ -169,6 +188,8 @@ def _signals(
         # Without a measured effort this is not used.
         effort_source="motor" if log.effort_source == "motor" else "joint_sensor",
         spring_compliance=model.compliance,
+        encoders=model.encoders,
+        deflection_cutoffs=deflection_cutoffs(log),
     )
 
 
@@ -189,7 +210,7 @@ def _residuals(log: Log, model: NominalModel, s: Signals, torque: Array) -> dict
     elif s.drive is not None:
         found["whole"] = s.drive - torque - rotor
     if log.velocity is not None:
-        found["velocity"] = log.velocity - _lagged(s.velocity, model.velocity_filter, s.time)
+        found["velocity"] = log.velocity - _lagged(s.encoder_velocity, model.velocity_filter, s.time)
     return found
 
 

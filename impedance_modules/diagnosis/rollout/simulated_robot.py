@@ -255,8 +255,10 @@ def _joint(model: NominalModel, index: int, drive: str) -> JointSpec:
         reflected_inertia=float(model.reflected_inertia[index]),
         motor_damping=float(model.motor_damping[index]),
         spring_damping=float(model.spring_damping[index]),
+        encoder=model.encoders[index] if model.encoders else None,
     )
     if drive == "command":
         return whole
-    stiff = replace(whole, spring_stiffness=None)
+    # An encoder at the motor reads the spring's twist, too, whatever drives the joint.
+    stiff = whole if whole.encoder == "motor" else replace(whole, spring_stiffness=None)
     return stiff if drive == "motor" else replace(stiff, reflected_inertia=0.0, motor_damping=0.0)

@@ -3,8 +3,9 @@ r"""Windows of recordings, simulated on a plant from the measured state and driv
 
 Readings are first corrected for the applied sensor effects,
 
-    q = q_reported - offset        e = (1 + X)^{-1} (e_reported - bias) / gain
+    q = q_reported - offset - lead        e = (1 + X)^{-1} (e_reported - bias) / gain
 
+The lead of the motor, load / K and half the play, is that of joints whose encoders sit there; they are compared there.
 Positions and efforts enter through the recording's own zero-phase filter; velocity is that of the filtered position.
 Windows are placed evenly over the held-out recordings, at the same times in those that repeat each other.
 """
@@ -178,6 +179,7 @@ class PlantInput:
     Attributes:
         time: (N,) of the samples [s].
         position, velocity: (N, n) of the links.
+        lead: (N, n) by which the motors are ahead of them, at joints whose encoders sit there [rad].
         load, load_rate: (N, n) torque between gear and link and its rate.
         command: (N, n) driving torque, at the time when it was sent.
         extra: (N, n) what the robot adds beyond the model's weight [N.m].
@@ -188,6 +190,7 @@ class PlantInput:
     time: Array
     position: Array
     velocity: Array
+    lead: Array
     load: Array
     load_rate: Array
     command: Array
@@ -210,21 +213,24 @@ def plant_input(prepared: Prepared, drive: str, perturbed: PerturbedPlant) -> Pl
     """Turns a prepared recording into the input of one plant."""
     log, s, sensors = prepared.log, prepared.signals, perturbed.applied.sensors
     order = np.argsort(perturbed.order)
-    position = s.position[:, order] - sensors.offset
     effort = None if s.effort is None else _true_effort(s.effort[:, order], perturbed)
     if effort is not None and log.effort_source == "joint_sensor":
         sprung = effort
     else:
         sprung = s.model.torque(s.position, s.velocity, s.acceleration)[:, order]
+    compliance, gap = _leads(perturbed)
+    lead = compliance * sprung + 0.5 * gap * np.sign(sprung)
+    load_rate = np.gradient(sprung, 1.0 / log.rate, axis=0)
     torque = effort if drive != "command" else None if log.command is None else log.command[:, order]
     if torque is None:
         raise BadInput(f"{log.name}: does not hold the torque that is to drive the plant (valid: {drive})")
     return PlantInput(
         time=s.time,
-        position=position,
-        velocity=s.velocity[:, order],
+        position=s.encoder_position[:, order] - sensors.offset - lead,
+        velocity=s.encoder_velocity[:, order] - compliance * load_rate,
+        lead=lead,
         load=sprung,
-        load_rate=np.gradient(sprung, 1.0 / log.rate, axis=0),
+        load_rate=load_rate,
         command=torque,
         extra=_unknown_weight(prepared, drive, perturbed)[:, order],
         aims=_aims(log.position_command, log.rate, order),
@@ -242,7 +248,8 @@ def seed_at(inputs: PlantInput, start: float, perturbed: PerturbedPlant) -> Roll
     load, load_rate = _at(times, inputs.time, inputs.load), _at(times, inputs.time, inputs.load_rate)
     compliance = np.array(perturbed.plant.model.spring_compliance())
     acting, aims = inputs.acting(times), inputs.aimed(times)
-    assist = perturbed.plant.assistance(q[-1] + perturbed.applied.sensors.offset)
+    reported = q[-1] + _at(times[-1:], inputs.time, inputs.lead)[0] + perturbed.applied.sensors.offset
+    assist = perturbed.plant.assistance(reported)
     past = JointHistory(
         time=times,
         position=q,
@@ -256,6 +263,12 @@ def seed_at(inputs: PlantInput, start: float, perturbed: PerturbedPlant) -> Roll
         velocity_command=v if aims is None else np.ascontiguousarray(aims[:, 1]),
     )
     return RolloutStart(start, q[-1], v[-1], load[-1], load_rate[-1], acting[-1], past)
+
+
+def _leads(perturbed: PerturbedPlant) -> tuple[Array, Array]:
+    """Compliance (n,) [rad/(N.m)] and play (n,) [rad] of joints whose encoders sit at their motors; zero of others."""
+    model, at_motor = perturbed.plant.model, perturbed.plant.model.encoder_at_motor
+    return at_motor * model.spring_compliance(), at_motor * perturbed.applied.gap
 
 
 def _unknown_weight(prepared: Prepared, drive: str, perturbed: PerturbedPlant) -> Array:
@@ -315,7 +328,7 @@ def _limited(errors: Array, most: float) -> Array:
 def _compare(prepared: Prepared, time: Array, position: Array, velocity: Array) -> tuple[Array, Array]:
     """Subtracts the recorded position and its filtered velocity, at the times of comparison."""
     s = prepared.signals
-    measured = [_between(time, s.time, values) for values in (prepared.log.position, s.velocity)]
+    measured = [_between(time, s.time, values) for values in (prepared.log.position, s.encoder_velocity)]
     return position - measured[0], velocity - measured[1]
 
 
