@@ -280,6 +280,43 @@ def test_one_effect_on_the_same_joints_is_one_answer() -> None:
     assert not rivalry.same_name(one, trial("torque_offset").term.candidate)
 
 
+def left(*squares: float) -> SimpleNamespace:
+    """A model fitted anew, by the mean squares that it leaves of each group on unseen recordings."""
+    rows = [np.full(1000, np.sqrt(part)) for part in squares]
+    return SimpleNamespace(counts=np.full(len(squares), 1000.0), unseen={3: rows})
+
+
+@pytest.mark.parametrize(
+    ("mine", "its", "reach", "equal"),
+    [
+        ((1.0, 1.0), (1.0, 1.0), 999.0, True),
+        ((1.0, 1.0), (1.0, 1.02), 999.0, True),
+        ((1.0, 1.0), (1.0, 1.04), 999.0, False),
+        ((1.0, 1.0), (1.04, 1.0), 999.0, False),
+        ((1.0, 1.0), (1.0, 1.0), 989.0, False),
+    ],
+)
+def test_a_rival_as_good_in_power_is_judged_by_the_evidence_of_a_fit_of_everything(
+    monkeypatch, mine: tuple[float, float], its: tuple[float, float], reach: float, equal: bool
+) -> None:
+    own, rival = trial(), trial("torque_offset", reach=reach)
+    fits = {id(own): left(*mine), id(rival): left(*its)}
+    monkeypatch.setattr(rivalry, "_refitted", lambda one: fits[id(one)])
+    assert rivalry._equal_refitted(own, rival) is equal
+
+
+def test_a_cause_of_more_coefficients_must_be_ahead_by_their_penalty_too(monkeypatch) -> None:
+    """17 nats more: decided between causes of one coefficient, open where the cause has three."""
+    fits = {1: left(1.0), 3: left(1.0), 0: left(1.035)}
+    rival = trial("torque_offset")
+    for free, equal in ((1, False), (3, True)):
+        own = trial("payload", free=free)
+        monkeypatch.setattr(
+            rivalry, "_refitted", lambda one, own=own, free=free: fits[free if one is own else 0]
+        )
+        assert rivalry._equal_refitted(own, rival) is equal
+
+
 def with_contrasts(rows: tuple[tuple[float, ...], ...], **more: object) -> SimpleNamespace:
     """A rival of three coefficients, of which contrasts say what makes it more than the cause."""
     rival = trial("torque_offset", **more)

@@ -12,7 +12,7 @@ from impedance_modules.diagnosis.model_selection.candidate_trial import Candidat
 from impedance_modules.diagnosis.model_selection.forward_selection import Selector
 from impedance_modules.diagnosis.model_selection.plausibility import CONTRAST_MIN
 from impedance_modules.diagnosis.regression.candidates import Candidate
-from impedance_modules.diagnosis.regression.model_fit import ModelTerm, part_of
+from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm, part_of
 from impedance_modules.diagnosis.result import Rival
 
 ASKED = 8
@@ -59,7 +59,7 @@ def judge_rivals(
         other = not same_name(candidate, term.candidate)
         if (
             other
-            and _equal(own, rival)
+            and (_equal(own, rival) or _equal_refitted(own, rival))
             and (selector.plausibility.unphysical(rival) is None or _open(rival, own))
         ):
             equal.append(_named(candidate, "fits unseen recordings as well"))
@@ -106,6 +106,33 @@ def _equal(own: CandidateTrial, rival: CandidateTrial) -> bool:
     if loss < EQUAL_LOSS:
         return not (ahead and own.gain - rival.gain > DECIDED)
     return loss < 5.0 * EQUAL_LOSS and not ahead and own.gain - rival.gain < DECISIVE
+
+
+def _equal_refitted(own: CandidateTrial, rival: CandidateTrial) -> bool:
+    """Whether a rival that is as good a part of the power is so by its evidence, too, once all is fitted beside it.
+
+    A trial keeps the weights of the model without the cause. Where the gap is large they are small, and the links'
+    errors stay within a prior that nothing moves: a cause that can imitate these errors too, a load beside a constant
+    torque, would seem ahead by what the nuisance explains as soon as the gap is closed.
+    """
+    groups = own.term.groups
+    mine, its = own.reach_on(groups), rival.reach_on(groups)
+    if mine <= 0.0 or contains(rival, own) or mine - its >= EQUAL_LOSS * mine:
+        return False
+    first, second = (_refitted(trial) for trial in (own, rival))
+    return _log_likelihood(first) - bic_penalty(own) <= _log_likelihood(second) - bic_penalty(rival) + DECIDED
+
+
+def _refitted(trial: CandidateTrial) -> ModelFit:
+    """The model with the candidate, everything fitted anew."""
+    model_fit = trial.model_fit
+    return ModelFit(model_fit.design, model_fit.folds, [*model_fit.model, trial.term])
+
+
+def _log_likelihood(model_fit: ModelFit) -> float:
+    """Of the fitted recordings as they are predicted without their fold, each group's level profiled out [nats]."""
+    left = np.sum([[float(x @ x) for x in parts] for parts in model_fit.unseen.values()], axis=0)
+    return float(-0.5 * np.sum(model_fit.counts * np.log(np.maximum(left, 1e-9))))
 
 
 def _alone(rival: CandidateTrial, own: CandidateTrial) -> bool:
