@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-BLOCKS = ("A", "B", "C", "E")
+BLOCKS = ("A", "B", "C", "D", "E")
 FROZEN = ("robot", "stamps", "controller", "friction", "noise")
 
 

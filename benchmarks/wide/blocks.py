@@ -13,6 +13,7 @@ from pathlib import Path
 
 from benchmarks.wide.cases import Made, make
 from benchmarks.wide.drake_process import DrakeProcess
+from benchmarks.wide.pair_cases import make_pair
 from benchmarks.wide.plan import Plan, RawLog
 from benchmarks.wide.run import CASES, SEALED
 from benchmarks.wide.simulation import simulate as simulate_here
@@ -62,15 +63,20 @@ def generate(
         asked = [pool.submit(_make, block, index, seeds, frozen, cases) for index in waiting]
         for i, one in enumerate(asked):
             made = one.result()
-            known[made.name] = made.truth
+            known |= {case.name: case.truth for case in made}
             _seal(sealed, known, block, seeds, out)
-            tell(f"{label} {i + 1}/{len(waiting)} {made.name}")
+            tell(f"{label} {i + 1}/{len(waiting)} {' '.join(case.name for case in made)}")
     return sealed
 
 
-def _make(block: str, index: int, seeds: str, frozen: str | None, cases: Path) -> Made:
-    made = make(block, index, seeds, frozen, cases, simulate)
-    (cases / made.name / "case.json").write_text(json.dumps(made.shown, indent=1) + "\n")
+def _make(block: str, index: int, seeds: str, frozen: str | None, cases: Path) -> list[Made]:
+    made = (
+        make_pair(index, seeds, frozen, cases, simulate)
+        if block == "D"
+        else [make(block, index, seeds, frozen, cases, simulate)]
+    )
+    for case in made:
+        (cases / case.name / "case.json").write_text(json.dumps(case.shown, indent=1) + "\n")
     return made
 
 

@@ -25,8 +25,9 @@ from benchmarks.wide.size import Scale, Simulate, Size
 
 Array = NDArray[np.float64]
 
-COUNTS: dict[str, int] = {"A": 80, "B": 60, "C": 40, "E": 30}
-"""Cases of a block where nothing else is asked: one effect, nothing wrong, two or three, outside the catalogue."""
+COUNTS: dict[str, int] = {"A": 80, "B": 60, "C": 40, "D": 40, "E": 30}
+"""Cases of a block where nothing else is asked: one effect, nothing wrong, two or three, a pair that a poor motion
+cannot tell and a rich one can (`pair_cases`; two sets of logs each), outside the catalogue."""
 LEAST: dict[str, int] = {"A": 1, "B": 0, "C": 2, "E": 1}
 """Effects that a case must have; an arm and motions that cannot show so many are drawn again."""
 SEEDS: dict[str, int] = {"dev": 1, "smoke": 7, "frozen": 3}
@@ -82,17 +83,18 @@ def make(block: str, index: int, seeds: str, frozen: str | None, folder: Path, s
         motions, repeats = draw_motions(values, model, arm.drive, seconds, int(values["logs"]), rng)
         planted: list[Planted] = []
         if block != "B":
-            scale = Scale(arm, _cut(motions[0]), int(rng.integers(2**31)), simulate)
+            scale = Scale(arm, cut(motions[0]), int(rng.integers(2**31)), simulate)
             planted = _plant(block, index, arm, motions, scale, rng, frozen == "friction")
         if len(planted) >= LEAST[block]:
             break
     name = f"{int(rng.integers(16**10)):010x}"
-    shown = _write(folder / name, arm, motions, repeats, planted, int(rng.integers(2**31)), simulate)
-    return Made(name, shown, _truth(block, index, values, frozen, planted))
+    shown = write_case(folder / name, arm, motions, repeats, planted, int(rng.integers(2**31)), simulate)
+    return Made(name, shown, truth_of(block, index, values, frozen, planted))
 
 
-def _cut(motion: Motion) -> Array:
-    return motion.position[: round((MEASURED + SPARE) * 1000)]
+def cut(motion: Motion, lead: float = 0.0) -> Array:
+    """Returns the part (samples, n) of a motion on which sizes are measured, and what leads to it [rad]."""
+    return motion.position[: round((lead + MEASURED + SPARE) * 1000)]
 
 
 def _plant(
@@ -192,10 +194,11 @@ def _one_place(one: Injection, other: Injection) -> bool:
     return one.effect == other.effect or (bool(shared) and are_one(one.effect, other.effect))
 
 
-def _write(
+def write_case(
     folder: Path, arm: WideArm, motions: Sequence[Motion], repeats: Sequence[int | None],
     planted: Sequence[Planted], seed: int, simulate: Simulate,
 ) -> dict[str, Any]:  # fmt: skip
+    """Simulates every motion with what is wrong, writes recordings and robot; returns what a tool is shown."""
     folder.mkdir(parents=True, exist_ok=True)
     names = []
     for i, motion in enumerate(motions):
@@ -222,9 +225,10 @@ def _write(
     return {"robot": arm.machine.name, "known_by": known, "logs": names, "holdout": [], "without": []}
 
 
-def _truth(
+def truth_of(
     block: str, index: int, values: Values, frozen: str | None, planted: Sequence[Planted]
 ) -> dict[str, Any]:
+    """Returns what is sealed of a case."""
     effects = [
         {
             "effect": one.injection.effect,

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import mujoco
 import numpy as np
@@ -78,13 +78,19 @@ def draw_motions(
     Slow motions are not enlarged to the limits as the others are.
     """
     shape = SHAPES[values["motion"]]
+    drawn = _kept(shape) if values["motion"] == "slow" else shape
+    return repeated_after(values, count, lambda: rich_motion(drawn, seconds, model, drive, rng))
+
+
+def repeated_after(
+    values: Mapping[str, str], count: int, draw: Callable[[], Motion]
+) -> tuple[list[Motion], list[int | None]]:
+    """Draws ``count`` motions, about half of them once more where the case repeats; and says which repeats which."""
     repeated = values["repeats"] == "repeated" and count > 1
     different = max(1, (count + 1) // 2) if repeated else count
-    drawn = [rich_motion(_kept(shape) if values["motion"] == "slow" else shape, seconds, model, drive, rng)
-             for _ in range(different)]  # fmt: skip
-    motions, repeats = list(drawn), [None] * different
+    motions, repeats = [draw() for _ in range(different)], [None] * different
     for i in range(count - different):
-        motions.append(drawn[i])
+        motions.append(motions[i])
         repeats.append(i)
     return motions, repeats
 

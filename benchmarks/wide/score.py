@@ -28,16 +28,24 @@ FEW = 5
 
 @dataclass(frozen=True)
 class Figure:
-    """A column of the tables: title, blocks that it counts, what counts, and whether few or many are good."""
+    """A column of the tables: title, blocks that it counts, what counts, and whether few or many are good.
+
+    Of block D it counts the logs of one ``motion``, poor or rich, where one is given.
+    """
 
     title: str
     blocks: str
     right: Callable[[Judged], bool]
     more_is_better: bool = True
+    motion: str | None = None
 
     def rate(self, cases: Cases) -> Rate:
         """Counts the cases of its blocks."""
-        return Rate.of([self.right(case) for case in cases if case.block in self.blocks])
+        return Rate.of([self.right(case) for case in cases if self.counts(case)])
+
+    def counts(self, case: Judged) -> bool:
+        """Tells whether a case is one of those that it counts."""
+        return case.block in self.blocks and self.motion in (None, case.truth.get("motion"))
 
 
 def clean(case: Judged) -> bool:
@@ -51,6 +59,22 @@ def explained(case: Judged) -> bool:
     return case.answer.named and all(
         any(is_cause(causes, at, effect) for effect in case.effects) for at in range(len(causes))
     )
+
+
+def refused_with_pair(case: Judged) -> bool:
+    """Ambiguous, and one cause and its equivalents hold truth and partner, both at the true joint."""
+    joints, pair = set(case.effects[0]["joints"]), set(case.truth["pair"])
+
+    def names(cause: Mapping[str, Any]) -> set[str]:
+        every = (cause, *cause.get("equivalent", []))
+        return {str(one["effect"]) for one in every if set(one.get("joints", [])) & joints}
+
+    return case.answer.verdict == "ambiguous" and any(pair <= names(cause) for cause in case.answer.causes)
+
+
+def decided(case: Judged) -> bool:
+    """The first cause is the true one, and no choice is left open."""
+    return case.first_right and case.answer.verdict != "ambiguous"
 
 
 def found_and_answered(case: Judged) -> bool:
@@ -69,9 +93,11 @@ FIGURES = (
     Figure("in the set (A)", "A", found_and_answered),
     Figure("explained, by it alone (A)", "A", explained),
     Figure("all of two or three (C)", "C", all_found),
+    Figure("poor motion refused with the pair (D)", "D", refused_with_pair, motion="poor"),
+    Figure("rich motion decided (D)", "D", decided, motion="rich"),
     Figure("left open (E)", "E", left_open),
     Figure("confident wrong name (E)", "E", wrongly_named, more_is_better=False),
-    Figure("no answer (all)", "ABCE", silent, more_is_better=False),
+    Figure("no answer (all)", "ABCDE", silent, more_is_better=False),
 )
 
 
@@ -216,7 +242,8 @@ def _short(rate: Rate) -> str:
 
 def is_right(case: Judged) -> bool:
     """What the block asks for."""
-    tests = {"B": clean, "A": explained, "C": all_found, "E": left_open}
+    pair = refused_with_pair if case.truth.get("motion") == "poor" else decided
+    tests = {"B": clean, "A": explained, "C": all_found, "D": pair, "E": left_open}
     return case.answer.verdict != NO_ANSWER and tests[case.block](case)
 
 
@@ -237,6 +264,10 @@ def describe(out: Path, answers: Path, case: Judged) -> str:
     lines = [f"{case.block} {case.name}  {case.answer.processor_seconds:.0f} s  {out / CASES / case.name}"]
     lines.append("  " + ", ".join(f"{key} {value}" for key, value in case.truth["values"].items()))
     lines += [f"  truth   {_truth(effect)}" for effect in case.effects] or ["  truth   nothing"]
+    if case.block == "D":
+        lines.append(
+            f"  {case.truth['motion']}, {case.truth['apart']:.3g} apart: {' or '.join(case.truth['pair'])}"
+        )
     lines.append(
         f"  answer  {case.answer.verdict}"
         + ("" if case.block != "A" else f", first {_yes(case.first_right)}")

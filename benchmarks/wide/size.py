@@ -129,8 +129,12 @@ class Scale:
 
     def size(self, injection: Injection, amplitude: float) -> Size:
         """Returns the size of an effect."""
+        return self.size_of(self.signature(injection, amplitude))
+
+    def size_of(self, signature: Mapping[str, Array]) -> Size:
+        """Returns the size of what an effect adds."""
         best = Size(0.0, 0.0, "", 0)
-        for name, values in self.signature(injection, amplitude).items():
+        for name, values in signature.items():
             rms = np.sqrt(np.mean(values**2, axis=0))
             joint = int(np.argmax(rms))
             if rms[joint] > best.net:
@@ -161,12 +165,16 @@ class Scale:
         for _ in range(2):
             found = self.size(other, against)
             against = min(against * float(np.clip(size.net / max(found.net, 1e-6), 0.02, 30.0)), other.most)
-        like = self.signature(other, against)
-        first, second = (
-            np.concatenate([part[name].ravel() for name in sorted(part)]) for part in (seen, like)
-        )
-        left = first - first @ second / max(float(second @ second), 1e-12) * second
-        return float(left @ left) < ALIKE
+        return left_by(self.signature(other, against), seen) < ALIKE
+
+
+def left_by(imitation: Mapping[str, Array], seen: Mapping[str, Array]) -> float:
+    """Returns what one effect, at the amplitude that imitates another best, leaves of it: squares over noise."""
+    first, second = (
+        np.concatenate([part[name].ravel() for name in sorted(part)]) for part in (seen, imitation)
+    )
+    left = first - first @ second / max(float(second @ second), 1e-12) * second
+    return float(left @ left)
 
 
 def residuals(channels: Mapping[str, Array], arm: WideArm, model: Rigid) -> dict[str, Array]:
