@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Command line of the wide benchmark: generate, run, score."""
+"""Command line of the wide benchmark: generate, run, score, calibrate."""
 
 from __future__ import annotations
 
@@ -106,6 +106,24 @@ def score(out: Path, answers: Path | None, case: str | None) -> None:
 
     folder = answers or out / ANSWERS
     click.echo(score_all(out, folder) if case is None else show_case(out, folder, case))
+
+
+@main.command()
+@click.argument("out", type=click.Path(path_type=Path, exists=True))
+@click.option("--answers", type=click.Path(path_type=Path), help="Where they are; OUT/answers when left out.")
+@click.option("--write", is_flag=True, help="Put the law into the diagnosis.")
+@click.option(
+    "--diagram", type=click.Path(path_type=Path, dir_okay=False), metavar="F.svg", help="Draw reliability."
+)
+def calibrate(out: Path, answers: Path | None, write: bool, diagram: Path | None) -> None:
+    """Fits how likely a cause is true, and compares what was said of unseen varieties with the truth."""
+    from benchmarks.wide.calibrate import calibrate as fitted
+    from benchmarks.wide.run import ANSWERS
+
+    try:
+        click.echo(fitted(out, answers or out / ANSWERS, write=write, diagram=diagram), nl=False)
+    except ValueError as error:
+        raise click.UsageError(str(error)) from error
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ from benchmarks.blind.judged import Judged, all_found, left_open, truth_reported
 from benchmarks.wide.blocks import check_seals
 from benchmarks.wide.design import DIMENSIONS
 from benchmarks.wide.effects import DRY
+from benchmarks.wide.reliability import brier_score, table_of
 from benchmarks.wide.run import CASES, SEALED
 
 Cases = Sequence[Judged]
@@ -176,18 +177,16 @@ def covered(case: Judged) -> list[bool]:
 
 def by_probability(cases: Cases) -> list[str]:
     """Returns, by the probability that a cause is said with, how many of those causes are true."""
-    rows = ["| probability said | true |", "|---|---|"]
-    said: list[tuple[float, bool]] = []
+    said: list[float] = []
+    true: list[bool] = []
     for case in cases:
         for at, cause in enumerate(case.answer.causes):
             if cause.get("probability") is not None:
-                true = any(is_cause(case.answer.causes, at, effect) for effect in case.effects)
-                said.append((float(cause["probability"]), true))
-    for low, high in ((0.0, 0.5), (0.5, 0.8), (0.8, 0.95), (0.95, 1.01)):
-        rows.append(
-            f"| {low:g} to {min(high, 1.0):g} | {Rate.of([true for p, true in said if low <= p < high])} |"
-        )
-    return rows
+                said.append(float(cause["probability"]))
+                true.append(any(is_cause(case.answer.causes, at, effect) for effect in case.effects))
+    if not said:
+        return ["No cause has a probability."]
+    return [*table_of(said, true), "", f"Brier score {brier_score(said, true):.3f} of {len(said)} causes."]
 
 
 def by_value(cases: Cases) -> list[str]:

@@ -306,12 +306,14 @@ def _gaps(found: Diagnosis) -> Table:
 
 def _print_causes(causes: Sequence[Cause], console: Console) -> None:
     """Prints each cause with its numbers, a line each: names and units stay whole on a narrow terminal."""
-    for rank, cause in enumerate(causes, start=1):
+    likeliest = sorted(causes, key=lambda cause: (-(cause.probability or 0.0), -cause.weight))
+    for rank, cause in enumerate(likeliest, start=1):
         carriers = ", ".join(cause.joints) or ", ".join(cause.parameters)
+        likely = "" if cause.probability is None else f"{int(100 * cause.probability)} % likely, "
         alone = "" if cause.shrink is None else f", alone it closes {100 * cause.shrink:.0f} % of the gap"
         console.print(
             styled("{}. [bold]{}[/bold] on {}, {} port", rank, cause.effect, carriers, cause.port)
-            + f": weight {cause.weight:.2f}{alone}"
+            + f": {likely}weight {cause.weight:.2f}{alone}"
         )
         for key, symbols in cause.parameters.items():
             numbers = (f"{symbol} {e.value:.4g} ± {e.std:.2g} {e.unit}" for symbol, e in symbols.items())

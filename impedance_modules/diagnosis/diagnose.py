@@ -33,6 +33,7 @@ from impedance_modules.diagnosis.model_selection.conclusion import (
 )
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.model_selection.naming import without_negligible, without_rejected
+from impedance_modules.diagnosis.model_selection.probability import with_probabilities
 from impedance_modules.diagnosis.model_selection.surface_search import with_surfaces
 from impedance_modules.diagnosis.model_selection.swallowed import swallowed_by_priors
 from impedance_modules.diagnosis.model_selection.tolerance import set_small_aside
@@ -119,7 +120,8 @@ def diagnose(
         if not worse:
             found = set_small_aside(found, evidence, tolerance)
             progress("comparing contact with the task's surfaces")
-            return with_surfaces(found, whole, evidence, known_effects, without, tolerance)
+            found = with_surfaces(found, whole, evidence, known_effects, without, tolerance)
+            return with_probabilities(found, repeats=not evidence.floor.weak)
         notes = (*notes, *worse)
 
 

@@ -145,6 +145,57 @@ class GapLocation:
 
 
 @dataclass(frozen=True)
+class Standing:
+    """How far a cause stands out, in log-likelihood of recordings that no fit has seen, less penalties [nats].
+
+    Attributes:
+        gain: Over the model without it. Of a cause on several joints, where it gains least.
+        lead: Over the best other candidate in its place, or over none. Candidates that cannot be told from it, or of
+            which it is a special case, are not counted.
+    """
+
+    gain: float
+    lead: float
+
+    def least(self, other: Standing) -> Standing:
+        """The standing of two parts of one cause together: it is as certain as the less certain one."""
+        return Standing(min(self.gain, other.gain), min(self.lead, other.lead))
+
+
+NOT_COMPARED = Standing(0.0, 0.0)
+"""Of a cause that was compared with nothing."""
+
+
+@dataclass(frozen=True)
+class Grounds:
+    """What a cause's probability follows from; `model_selection.probability` has the law.
+
+    Attributes:
+        gain, lead: Its standing [nats], not below 0.
+        weight: Its part of the explained gap.
+        deviations: Standard deviations by which its numbers differ from no effect; of several carriers, the least.
+        lack_of_fit: Largest residual power that the causes leave, over what would pass.
+        explained: Whether what they leave passes.
+        motion: 1 where the simulated motion is better with it, -1 where it is worse, 0 where it makes no difference
+            or was not simulated.
+        repeats: Whether repeated motions measured the noise.
+        alternatives: Candidates that cannot be told from it.
+        others: Other causes beside it.
+    """
+
+    gain: float
+    lead: float
+    weight: float
+    deviations: float
+    lack_of_fit: float
+    explained: bool
+    motion: int
+    repeats: bool
+    alternatives: int
+    others: int
+
+
+@dataclass(frozen=True)
 class Cause:
     """A named effect.
 
@@ -159,6 +210,9 @@ class Cause:
         rivals: Other candidates, and why they were rejected.
         position_range, velocity_range: Joint -> range of the data that the fit rests on.
         rollout: Its effect on the rollouts; None where it was not simulated.
+        standing: How far it stands out on unseen recordings.
+        probability: That this effect is present at these joints; None until the whole result is known.
+        grounds: What the probability follows from.
     """
 
     effect: str
@@ -172,6 +226,9 @@ class Cause:
     position_range: Mapping[str, tuple[float, float]]
     velocity_range: Mapping[str, tuple[float, float]]
     rollout: CauseRollout | None = None
+    standing: Standing = NOT_COMPARED
+    probability: float | None = None
+    grounds: Grounds | None = None
 
 
 @dataclass(frozen=True)
@@ -194,11 +251,19 @@ class Rival:
 
 @dataclass(frozen=True)
 class Remainder:
-    """What the causes leave: lack of fit (largest residual power over noise), whether it passes, and a description."""
+    """What the causes leave.
+
+    Attributes:
+        lack_of_fit: Largest residual power over noise.
+        explained: Whether it passes.
+        structure: In words.
+        limit: Lack of fit that would pass; None where none was computed.
+    """
 
     lack_of_fit: float
     explained: bool
     structure: str
+    limit: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

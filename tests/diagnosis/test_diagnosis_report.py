@@ -11,22 +11,25 @@ from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
 
+import jsonschema
 import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
 from impedance_modules.cli.next_commands import Asked, next_commands
 from impedance_modules.diagnosis.diagnose import insufficient
+from impedance_modules.diagnosis.model_selection.probability import LAW
 from impedance_modules.diagnosis.report.diagnosis_files import diagnosis_object, spectrum_object
 from impedance_modules.diagnosis.report.html_elements import number, percent, table
-from impedance_modules.diagnosis.report.html_report import html_report
+from impedance_modules.diagnosis.report.html_report import cause_sections, html_report, likeliest
 from impedance_modules.diagnosis.report.report_plots import thinned
-from impedance_modules.diagnosis.result import ResidualSeries
+from impedance_modules.diagnosis.result import Grounds, ResidualSeries
 from impedance_modules.episode.residual_view import ResidualCurves
 from impedance_modules.episode.run_folder import episode_paths, the_episode
 from impedance_modules.errors import BadInput
 from tests.diagnosis import test_diagnosis as pendulum
 from tests.support.commands import invoke, python, refusal
+from tests.support.paths import CHECKOUT
 
 SECTIONS = (
     "The data", "How large", "Where", "Causes", "What the stated deviations took up", "Before and after, over time",
@@ -110,6 +113,32 @@ def test_the_report_is_whole_and_needs_no_network(written: tuple[Path, str]) -> 
     assert "width=device-width" in text and "@media print" in text
     assert text.count("<svg") >= 7
     assert "lost because" in text
+
+
+def test_every_cause_says_how_likely_it_is(written: tuple[Path, str], calm: tuple[Path, str]) -> None:
+    """In the JSON, also where it is small, as its schema wants it; by the shipped law; and in the terminal's words."""
+    for (folder, printed), part in ((written, "causes"), (calm, "small")):
+        answer = json.loads((folder / "a.json").read_text())
+        jsonschema.validate(answer, json.loads((CHECKOUT / "schemas/diagnosis.schema.json").read_text()))
+        assert answer[part]
+        for cause in answer[part]:
+            assert cause["probability"] == LAW(Grounds(**cause["grounds"]))
+            assert f"{int(100 * cause['probability'])} % likely" in printed
+
+
+def test_a_report_has_the_likeliest_cause_first(written: tuple[Path, str]) -> None:
+    """Whatever its weight, in the summary, the table and the sections; files of older versions go by weight."""
+    (cause, *_) = json.loads((written[0] / "a.json").read_text())["causes"]
+    three = [
+        cause | {"effect": name, "weight": weight, "probability": likely}
+        for name, weight, likely in (("first", 0.6, 0.5), ("second", 0.1, 0.9), ("third", 0.3, 0.5))
+    ]
+    older = [{key: value for key, value in one.items() if key != "probability"} for one in three]
+    assert [one["effect"] for one in likeliest(three)] == ["second", "first", "third"]
+    assert [one["effect"] for one in likeliest(older)] == ["first", "third", "second"]
+    assert "Probability not known" in cause_sections(older, 0.0)
+    page = cause_sections(likeliest(three), 0.0)
+    assert page.index("second") < page.index("first") < page.index("third")
 
 
 RAW = re.compile(r"[{}]|\['|: None|\bNone\b|\bnan\b|array\(|\w+\(\w+=|\"\w+\":")

@@ -15,6 +15,7 @@ from impedance_modules.diagnosis.model_selection import (
     rivals,
 )
 from impedance_modules.diagnosis.model_selection.forward_selection import Selector
+from impedance_modules.diagnosis.result import Standing
 
 
 def term(key: str, *groups: int, effect: str = "viscous_friction") -> SimpleNamespace:
@@ -101,9 +102,17 @@ def test_the_best_order_that_holds_elsewhere_explains(monkeypatch: pytest.Monkey
 
 
 def test_what_other_causes_hold_is_no_rival(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The others are tried in the cause's place; those that fit as well are named, those that do not have a reason."""
+    """The others are tried in the cause's place; those that fit as well are named, those that do not have a reason.
+
+    The cause leads the best of these; one of which it is a special case does not count.
+    """
     cause, other = term("elbow", 0), term("wrist", 1)
-    offered = [term("elbow", 0, effect=effect) for effect in ("equal", "worse")] + [other]
+    offered = [term("elbow", 0, effect=effect) for effect in ("equal", "worse", "larger")] + [other]
+    gains = {cause.key: 100.0} | dict(
+        zip([one.key for one in offered], (99.0, 30.0, 98.0, 97.0), strict=True)
+    )
+    monkeypatch.setattr(rivals, "penalised_gain", lambda trial: gains[trial.term.key])
+    monkeypatch.setattr(rivals, "contains", lambda rival, own: rival.term.candidate.effect.id == "larger")
     monkeypatch.setattr(rivals, "promising", lambda ranked, count: ranked)
     monkeypatch.setattr(rivals, "try_term", lambda model_fit, own: SimpleNamespace(term=own))
     monkeypatch.setattr(rivals, "both_delay_torque", lambda own, found: False)
@@ -119,9 +128,10 @@ def test_what_other_causes_hold_is_no_rival(monkeypatch: pytest.MonkeyPatch) -> 
         refined=lambda model_fit, trials: trials,
         plausibility=SimpleNamespace(unphysical=lambda rival: None),
     )
-    equal, lost = rivals.judge_rivals(selector, [cause, other], cause)
+    equal, lost, standing = rivals.judge_rivals(selector, [cause, other], cause)
     assert equal == (("equal", "elbow"),)
-    assert lost == (("worse", "elbow"),)
+    assert lost == (("worse", "elbow"), ("larger", "elbow"))
+    assert standing == Standing(100.0, 70.0)
 
 
 @pytest.mark.parametrize(("together", "alone", "found"), [(0.2, 1.0, 3), (0.2, 0.5, 0), (0.4, 2.0, 0)])

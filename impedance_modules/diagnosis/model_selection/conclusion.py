@@ -192,7 +192,7 @@ def _remainder(found: LackOfFit, evidence: Evidence, model: NominalModel) -> Rem
             words += (
                 f" (nearest: {evidence.refusal.trial.term.candidate.name}, which {evidence.refusal.reason})"
             )
-    return Remainder(ratio, found.passed, words)
+    return Remainder(ratio, found.passed, words, float(found.limit[worst]))
 
 
 def _gaps(evidence: Evidence, model: NominalModel) -> tuple[JointGap, ...]:
@@ -229,7 +229,7 @@ def _median_posture(evidence: Evidence, model: NominalModel) -> dict[str, float]
 def _cause(evidence: Evidence, term: ModelTerm, gain: float) -> Cause:
     candidate = term.candidate
     model = evidence.model_fit.model
-    equal, lost = judge_rivals(evidence.selector, model, term)
+    equal, lost, standing = judge_rivals(evidence.selector, model, term)
     prismatic = any(
         body.prismatic and body.joint in candidate.joints for body in evidence.prepared[0].tree.bodies
     )
@@ -248,6 +248,7 @@ def _cause(evidence: Evidence, term: ModelTerm, gain: float) -> Cause:
         rivals=lost,
         position_range=_range(evidence, candidate, "position"),
         velocity_range=_range(evidence, candidate, "velocity"),
+        standing=standing,
     )
 
 
@@ -281,6 +282,7 @@ def _merge(one: Cause, other: Cause) -> Cause:
         rivals=tuple(dict.fromkeys([*one.rivals, *other.rivals])),
         position_range={**one.position_range, **other.position_range},
         velocity_range={**one.velocity_range, **other.velocity_range},
+        standing=one.standing.least(other.standing),
     )
 
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.regression.model_fit import ModelFit
 from impedance_modules.diagnosis.residuals.preparation import Prepared
-from impedance_modules.diagnosis.result import Cause, Estimate, Rival
+from impedance_modules.diagnosis.result import Cause, Estimate, Rival, Standing
 from impedance_modules.effects.external_contact import FORCE, ExternalContact
 from impedance_modules.effects.residual_kinds import uses_motion
 
@@ -156,6 +156,8 @@ def cause_of_pushes(pushes: Sequence[ExternalPush], prepared: Sequence[Prepared]
         ),
         position_range={},
         velocity_range={},
+        # Nothing else was tried in its place, so its lead is none.
+        standing=Standing(0.5 * max(push.gain for push in pushes), 0.0),
     )
 
 

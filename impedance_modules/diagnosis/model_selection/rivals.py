@@ -7,13 +7,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from impedance_modules.diagnosis.model_selection.acceptance import bic_penalty, both_delay_torque, promising
+from impedance_modules.diagnosis.model_selection.acceptance import (
+    bic_penalty,
+    both_delay_torque,
+    penalised_gain,
+    promising,
+)
 from impedance_modules.diagnosis.model_selection.candidate_trial import CandidateTrial, try_term
 from impedance_modules.diagnosis.model_selection.forward_selection import Selector
 from impedance_modules.diagnosis.model_selection.plausibility import CONTRAST_MIN
 from impedance_modules.diagnosis.regression.candidates import Candidate
 from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm, part_of
-from impedance_modules.diagnosis.result import Rival
+from impedance_modules.diagnosis.result import Rival, Standing
 
 ASKED = 8
 """Rivals that are tried beside each cause."""
@@ -37,17 +42,19 @@ DELAYS_DECIDED = 7.5
 
 def judge_rivals(
     selector: Selector, causes: Sequence[ModelTerm], term: ModelTerm
-) -> tuple[tuple[Rival, ...], tuple[Rival, ...]]:
+) -> tuple[tuple[Rival, ...], tuple[Rival, ...], Standing]:
     """Tries every promising candidate in a cause's place, the other causes kept.
 
     Returns:
-        Those that cannot be told from it, and the others with the reason why they lost.
+        Those that cannot be told from it; the others with the reason why they lost; and how far the cause stands out
+        from these.
     """
     model_fit = selector.model_fit([other for other in causes if other is not term])
     own = try_term(model_fit, term)
     held = {other.key for other in causes}
     equal: list[Rival] = []
     lost: list[Rival] = []
+    beaten = [0.0]
     asked = [
         layout
         for layout in promising(selector.screen.rank(model_fit), ASKED)
@@ -65,7 +72,10 @@ def judge_rivals(
             equal.append(_named(candidate, "fits unseen recordings as well"))
         else:
             lost.append(_named(candidate, _reason(own, rival)))
-    return tuple(dict.fromkeys(equal)), tuple(dict.fromkeys(lost))
+            if other and not contains(rival, own):
+                beaten.append(penalised_gain(rival))
+    gain = penalised_gain(own)
+    return tuple(dict.fromkeys(equal)), tuple(dict.fromkeys(lost)), Standing(gain, gain - max(beaten))
 
 
 def same_name(one: Candidate, other: Candidate) -> bool:

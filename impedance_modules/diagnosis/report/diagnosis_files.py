@@ -7,6 +7,7 @@ transform of N samples with a Hann window w, an octave's power is 2 / (N \sum w^
 
 from __future__ import annotations
 
+import dataclasses
 import datetime
 import json
 import math
@@ -72,6 +73,7 @@ def diagnosis_object(diagnosis: Diagnosis) -> dict[str, Any]:
             "lack_of_fit": _number(diagnosis.remainder.lack_of_fit),
             "explained": diagnosis.remainder.explained,
             "structure": diagnosis.remainder.structure,
+            **({} if diagnosis.remainder.limit is None else {"limit": diagnosis.remainder.limit}),
         },
         "next_motion": dict(diagnosis.next_motion),
         "patch": patch_object(diagnosis),
@@ -232,12 +234,20 @@ def _cause(cause: Cause) -> dict[str, Any]:
             for key, symbols in cause.parameters.items()
         },
         "weight": cause.weight,
+        **_probability(cause),
         "shrink": _number(cause.shrink),
         "range": _ranges(cause),
         "rollout": cause_rollout_object(cause.rollout),
         "equivalent": [_rival(rival) | {} for rival in cause.equivalent],
         "rivals": [_rival(rival) | {"lost_because": rival.reason} for rival in cause.rivals],
     }
+
+
+def _probability(cause: Cause) -> dict[str, Any]:
+    """The probability and what it follows from; nothing where it was not computed."""
+    if cause.probability is None or cause.grounds is None:
+        return {}
+    return {"probability": cause.probability, "grounds": dataclasses.asdict(cause.grounds)}
 
 
 def _rival(rival: Rival) -> dict[str, Any]:

@@ -53,6 +53,11 @@ SWALLOWED = (
     " no finding."
 )
 
+PROBABLE = (
+    "Probability: how likely this effect is present there, as often as such causes were true in simulated recordings"
+    " with known truth. Weight: its part of the gap."
+)
+
 MOST_PLACES = 12
 """Places of the gap that a table lists; all of them are in the map and in the JSON."""
 
@@ -98,7 +103,7 @@ def _findings(found: Diagnosis, answer: dict[str, Any]) -> list[str]:
     parts = [_head(answer), _data(answer["data"])]
     if found.series:
         parts += [_how_large(answer["gap"]), _where(answer)]
-        parts.append(cause_sections(answer["causes"], answer["unexplained_weight"]))
+        parts.append(cause_sections(likeliest(answer["causes"]), answer["unexplained_weight"]))
         parts.append(small_section(answer["small"], answer["tolerance"]))
         parts.append(swallowed_section(answer["swallowed"]))
         parts.append(section("Before and after, over time", over_time(found.series)))
@@ -161,9 +166,10 @@ def _head(answer: dict[str, Any]) -> str:
     verdict = answer["verdict"]
     colour, words = VERDICT_COLOURS[verdict], text(verdict.replace("_", " "))
     badge = f"<span class='badge' style='background:{colour}'>{words}</span>"
-    first = answer["causes"][0] if answer["causes"] else None
+    causes = likeliest(answer["causes"])
+    first = causes[0] if causes else None
     cards = [
-        ("first cause", "none" if first is None else first["effect"]),
+        ("likeliest cause", "none" if first is None else first["effect"]),
         ("on", "-" if first is None else ", ".join(first["joints"] or first["parameters"])),
         ("torque gap closed, held out", percent(answer["gap"]["shrink"])),
         ("motion gap closed, simulated", percent(answer["gap"]["rollout"].get("shrink"))),
@@ -172,9 +178,7 @@ def _head(answer: dict[str, Any]) -> str:
         f"<div class='card'><span>{text(name)}</span><b>{text(value)}</b></div>" for name, value in cards
     )
     lead = paragraph(SENTENCES[verdict], "lead")
-    return (
-        f"<p>{badge}</p>{lead}<div class='cards'>{boxes}</div>{in_short(answer['causes'])}{_advice(answer)}"
-    )
+    return f"<p>{badge}</p>{lead}<div class='cards'>{boxes}</div>{in_short(causes)}{_advice(answer)}"
 
 
 def in_short(causes: Sequence[dict[str, Any]]) -> str:
@@ -193,7 +197,18 @@ def _line(cause: dict[str, Any]) -> str:
     )
     equal = ", ".join(f"{r['effect']} {' '.join(r['joints'])}" for r in cause["equivalent"])
     instead = f" - or instead: {equal}" if equal else ""
-    return f"{cause['effect']} ({percent(cause['weight'])}): {numbers}{instead}"
+    return f"{cause['effect']} ({likely(cause)}, {percent(cause['weight'])} of the gap): {numbers}{instead}"
+
+
+def likeliest(causes: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Causes by probability; equal ones, and those of files without it, by weight."""
+    return sorted(causes, key=lambda cause: (-cause.get("probability", 0.0), -cause["weight"]))
+
+
+def likely(cause: dict[str, Any]) -> str:
+    """The probability in words; rounded down, so that none is called certain."""
+    found = cause.get("probability")
+    return "probability not known" if found is None else f"{int(100.0 * found)} % likely"
 
 
 def _advice(answer: dict[str, Any]) -> str:
@@ -260,16 +275,20 @@ def _where(answer: dict[str, Any]) -> str:
 
 
 def cause_sections(causes: Sequence[dict[str, Any]], unexplained: float) -> str:
-    """All causes, ranked; a sentence where there is none."""
+    """All causes in the order given; a sentence where there is none."""
     if not causes:
         return section("Causes", paragraph("None was found."))
     weights = [
-        [_carriers(c), c["effect"], c["port"], c["place"].replace("_", " "), percent(c["weight"])]
+        [
+            _carriers(c), c["effect"], c["port"], c["place"].replace("_", " "), percent(c.get("probability")),
+            percent(c["weight"]),
+        ]
         for c in causes
-    ]
-    weights.append(["", "not explained", "", "", percent(unexplained)])
-    head = table(("on", "effect", "port", "place in the chain", "weight"), weights, numbers=(4,))
-    return section("Causes", head, *(_cause(cause) for cause in causes))
+    ]  # fmt: skip
+    weights.append(["", "not explained", "", "", "", percent(unexplained)])
+    names = ("on", "effect", "port", "place in the chain", "probability", "weight")
+    head = table(names, weights, numbers=(4, 5))
+    return section("Causes", paragraph(PROBABLE), head, *(_cause(cause) for cause in causes))
 
 
 def small_section(causes: Sequence[dict[str, Any]], tolerance: float) -> str:
@@ -279,7 +298,7 @@ def small_section(causes: Sequence[dict[str, Any]], tolerance: float) -> str:
     words = (
         f"Within {percent(tolerance)} of each joint's torque range, and no change of the simulated motion."
     )
-    return section("Too small to matter", paragraph(words), *(_cause(cause) for cause in causes))
+    return section("Too small to matter", paragraph(words), *(_cause(cause) for cause in likeliest(causes)))
 
 
 def _carriers(cause: dict[str, Any]) -> str:
@@ -328,7 +347,10 @@ def _patch(patch: dict[str, Any] | None) -> str:
 
 
 def _cause(cause: dict[str, Any]) -> str:
-    words = f"At the {cause['port']} port; alone it shrinks the held-out gap by {percent(cause['shrink'])}."
+    words = (
+        f"{likely(cause).capitalize()}. At the {cause['port']} port; alone it shrinks the held-out gap by"
+        f" {percent(cause['shrink'])}."
+    )
     equal = [[r["effect"], ", ".join(r["joints"])] for r in cause["equivalent"]]
     lost = [[r["effect"], ", ".join(r["joints"]), r["lost_because"]] for r in cause["rivals"]]
     parts = [
