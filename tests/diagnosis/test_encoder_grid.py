@@ -91,7 +91,9 @@ def recorded(size: float, rate: float = 500.0) -> SimpleNamespace:
     common = CommonBand.of(rate, 8.0)
     thinned, rate = common.thin(errors), rate / common.thinning
     log = SimpleNamespace(rounding=thinned, rate=rate, samples=len(thinned), effort=None)
-    signals = SimpleNamespace(n=1, reflected_inertia=np.zeros(1), measures_springs=True)
+    signals = SimpleNamespace(
+        n=1, reflected_inertia=np.zeros(1), measures_springs=True, encoder_at_motor=np.zeros(1)
+    )
     band = common.at(rate)
     position = band.condense(0.0 * thinned)
     return SimpleNamespace(log=log, signals=signals, band=band, tree=None, position=position)

@@ -36,7 +36,7 @@ from impedance_modules.diagnosis.regression.contact_rows import (
     contact_recording,
 )
 from impedance_modules.diagnosis.residuals.preparation import AppliedEffect, Prepared, effect_torque
-from impedance_modules.diagnosis.result import Cause, Diagnosis, Estimate, Rival
+from impedance_modules.diagnosis.result import Cause, Diagnosis, Estimate, Rival, Standing
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.residual_kinds import Residual, uses_motion
 from impedance_modules.effects.surface_effects import SurfaceEffect, surface_key
@@ -63,7 +63,7 @@ class ContactResult:
         explained: Whether the remainder is the noise's.
         shrink: Of the gap in contact on recordings that no fit has seen; None without any, or without a gap.
         gains: Effect and surface -> deviance that it explains beyond the numbers accepted before.
-        rivals: Accepted number -> others that explain nearly as much.
+        leads: Accepted number -> others of its surface -> deviance that they would leave more in its place.
         seconds: In contact.
     """
 
@@ -75,8 +75,17 @@ class ContactResult:
     explained: bool
     shrink: float | None
     gains: Mapping[Number, float]
-    rivals: Mapping[Number, tuple[Number, ...]]
+    leads: Mapping[Number, Mapping[Number, float]]
     seconds: float
+
+    def rivals(self, number: Number) -> tuple[Number, ...]:
+        """Other numbers that explain nearly as much in the place of one."""
+        return tuple(other for other, lead in self.leads[number].items() if lead < 2.0 * DECIDED)
+
+    def standing(self, number: Number) -> Standing:
+        """How far a number stands out; a deviance is twice a log-likelihood."""
+        beaten = [lead for lead in self.leads[number].values() if lead >= 2.0 * DECIDED]
+        return Standing(0.5 * self.gains[number], 0.5 * min([self.gains[number], *beaten]))
 
 
 def with_surfaces(
@@ -147,22 +156,21 @@ def search_surfaces(
             break
         gains[number], best = gain, trial
         best = _without_idle(fitted, best, nominal, gains, least)
-    rivals = {number: _rivals(fitted, best, nominal, number, candidates) for number in best.free}
-    return _judged(fitted, unseen, plain, best, gains, rivals)
+    leads = {number: _leads(fitted, best, nominal, number, candidates) for number in best.free}
+    return _judged(fitted, unseen, plain, best, gains, leads)
 
 
-def _rivals(
+def _leads(
     fitted: Sequence[ContactRecording],
     best: ContactFit,
     nominal: Surfaces,
     number: Number,
     candidates: Sequence[Number],
-) -> tuple[Number, ...]:
-    """Other numbers of the same surface that explain nearly as much in the place of one."""
-    rest = _back(fitted, best, nominal, number)
-    limit = 2.0 * DECIDED * _scale(fitted, best)
+) -> dict[Number, float]:
+    """Other numbers of the same surface -> deviance that they leave more, each in the place of one."""
+    rest, scale = _back(fitted, best, nominal, number), _scale(fitted, best)
     others = [one for one in candidates if one[0] == number[0] and one not in best.free]
-    return tuple(one for one in others if gained(fitted, _tried(fitted, rest, one), best) < limit)
+    return {one: gained(fitted, _tried(fitted, rest, one), best) / scale for one in others}
 
 
 def _back(
@@ -240,7 +248,7 @@ def _judged(
     plain: ContactFit,
     best: ContactFit,
     gains: Mapping[Number, float],
-    rivals: Mapping[Number, tuple[Number, ...]],
+    leads: Mapping[Number, Mapping[Number, float]],
 ) -> ContactResult:
     before, count = _in_contact(fitted, plain.left)
     after, _ = _in_contact(fitted, best.left)
@@ -260,7 +268,7 @@ def _judged(
         explained=after <= SYSTEMATIC * count,
         shrink=shrink,
         gains=gains,
-        rivals=rivals,
+        leads=leads,
         seconds=sum(
             float(data.touching.sum()) * data.item.band.step / data.item.band.rate
             for data in (*fitted, *unseen)
@@ -361,7 +369,9 @@ def _verdict(found: Diagnosis, result: ContactResult) -> str:
         return "partly_explained"
     if not result.explained:
         return "partly_explained"
-    return "ambiguous" if any(result.rivals.values()) or found.verdict == "ambiguous" else "explained"
+    return (
+        "ambiguous" if any(map(result.rivals, result.gains)) or found.verdict == "ambiguous" else "explained"
+    )
 
 
 def _cause(result: ContactResult, number: Number, weight: float) -> Cause:
@@ -377,10 +387,11 @@ def _cause(result: ContactResult, number: Number, weight: float) -> Cause:
         parameters={surface_key(index): {symbol: Estimate(value, std, parameter.unit)}},
         weight=weight,
         shrink=result.shrink,
-        equivalent=tuple(Rival(EFFECT_OF[other], (), "") for _, other in result.rivals[number]),
+        equivalent=tuple(Rival(EFFECT_OF[other], (), "") for _, other in result.rivals(number)),
         rivals=(),
         position_range={},
         velocity_range={},
+        standing=result.standing(number),
     )
 
 
