@@ -258,12 +258,14 @@ class Remainder:
         explained: Whether it passes.
         structure: In words.
         limit: Lack of fit that would pass; None where none was computed.
+        residuals: Comparisons, as in `JointGap`, in which something more than noise is left.
     """
 
     lack_of_fit: float
     explained: bool
     structure: str
     limit: float | None = None
+    residuals: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from impedance_modules.diagnosis.model_selection import lack_of_fit as remainder
 from impedance_modules.diagnosis.model_selection.conclusion import propose_motion
 from impedance_modules.diagnosis.model_selection.evidence import Evidence, above_negligible, negligible
 from impedance_modules.diagnosis.model_selection.external_pushes import ExternalPush, Forces
-from impedance_modules.diagnosis.model_selection.lack_of_fit import LackOfFit
+from impedance_modules.diagnosis.model_selection.lack_of_fit import LackOfFit, Structure
 from impedance_modules.diagnosis.result import Cause, JointGap, Remainder, Rival
 from impedance_modules.effects.catalogue import CATALOGUE
 
@@ -54,8 +54,13 @@ def test_the_verdict_follows_from_causes_rivals_and_remainder(causes, explained,
     ],
 )
 def test_on_a_weak_floor_more_power_may_be_left(ratio, weak, passes) -> None:
-    lack = LackOfFit(np.array(ratio), np.array([2.0, 1.0]), "a tone")
+    lack = LackOfFit(np.array(ratio), np.array([2.0, 1.0]), structures("a tone"))
     assert conclusion._power_passes(lack, weak=weak) is passes
+
+
+def structures(words: str) -> tuple[Structure, ...]:
+    """One structure of the first group, or none."""
+    return (Structure(1.5, words, 0),) if words else ()
 
 
 def gap(before: float, after: float, floor: float) -> JointGap:
@@ -117,7 +122,7 @@ def test_the_next_motion_asks_for_what_is_open() -> None:
     ],
 )
 def test_the_remainder_is_said_in_words(structure: str, weak: bool, refused: bool, words: str) -> None:
-    lack = LackOfFit(np.array([1.5, 3.25]), np.array([2.0, 1.0]), structure)
+    lack = LackOfFit(np.array([1.5, 3.25]), np.array([2.0, 1.0]), structures(structure))
     nearest = SimpleNamespace(term=SimpleNamespace(candidate=SimpleNamespace(name="a payload")))
     evidence = SimpleNamespace(
         design=SimpleNamespace(groups=(("link", 0), ("actuator", 1))),
@@ -126,12 +131,13 @@ def test_the_remainder_is_said_in_words(structure: str, weak: bool, refused: boo
     )
     found = conclusion._remainder(lack, evidence, SimpleNamespace(joints=("elbow", "wrist")))
     assert (found.lack_of_fit, found.explained) == (3.25, False)
+    assert found.residuals == ({"actuator", "link"} if structure else {"actuator"})
     assert found.structure.startswith("residual power is 3.25 times noise") and words in found.structure
     assert ("(nearest: a payload, which gains too little)" in found.structure) is refused
     passing = conclusion._remainder(
-        LackOfFit(np.ones(2), np.array([2.0, 1.5]), ""), evidence, SimpleNamespace(joints="ab")
+        LackOfFit(np.ones(2), np.array([2.0, 1.5]), ()), evidence, SimpleNamespace(joints="ab")
     )
-    assert passing.explained and "not explained" not in passing.structure
+    assert passing.explained and "not explained" not in passing.structure and not passing.residuals
 
 
 # What is left.
@@ -201,7 +207,9 @@ def test_the_worse_of_two_tests_counts_and_structure_fails() -> None:
         (2.1, "", False),
         (1.0, "a tone", False),
     ):
-        assert LackOfFit(np.array([0.5, ratio]), np.array([1.0, 2.0]), structure).passed is passed
+        lack = LackOfFit(np.array([0.5, ratio]), np.array([1.0, 2.0]), structures(structure))
+        assert lack.passed is passed
+        assert lack.failing == {*([1] if ratio > 2.0 else []), *([0] if structure else [])}
 
 
 def test_a_gap_is_negligible_below_a_thousandth_of_load_and_speed() -> None:

@@ -140,6 +140,25 @@ def test_what_remains_may_be_small_as_well(left: float, noise: float, verdict: s
     assert set_small_aside(far, evidence(0.0, left), 0.01).verdict == "unexplained"
 
 
+@pytest.mark.parametrize(
+    ("residuals", "left", "verdict"),
+    [
+        ({"velocity"}, 0.07, "no_gap"),
+        ({"velocity"}, 0.09, "unexplained"),
+        ({"velocity", "link"}, 0.07, "unexplained"),
+    ],
+)
+def test_small_remainders_of_velocities_alone_change_no_simulated_motion(
+    residuals: set[str], left: float, verdict: str
+) -> None:
+    """A logger's own filter of the velocities was an alarm wherever the simulated motion was not perfect."""
+    found = diagnosis(verdict="unexplained", explained=False)
+    far = replace(found.rollout, position={"hinge": RolloutError(0.2, 0.2, 0.02, "rad")})
+    remainder = replace(found.remainder, residuals=frozenset(residuals))
+    found = replace(found, rollout=far, remainder=remainder)
+    assert set_small_aside(found, evidence(0.0, left), 0.01).verdict == verdict
+
+
 def test_ranges_are_over_all_recordings_and_of_the_residual_s_own_quantity() -> None:
     items = [recording(2.0, 5.0), recording(8.0, 3.0)]
     np.testing.assert_allclose(ranges(items, [("link", 0), ("velocity", 0)]), [8.0, 5.0])

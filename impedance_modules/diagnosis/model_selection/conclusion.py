@@ -192,7 +192,8 @@ def _remainder(found: LackOfFit, evidence: Evidence, model: NominalModel) -> Rem
             words += (
                 f" (nearest: {evidence.refusal.trial.term.candidate.name}, which {evidence.refusal.reason})"
             )
-    return Remainder(ratio, found.passed, words, float(found.limit[worst]))
+    failing = frozenset(evidence.design.groups[group][0] for group in found.failing)
+    return Remainder(ratio, found.passed, words, float(found.limit[worst]), failing)
 
 
 def _gaps(evidence: Evidence, model: NominalModel) -> tuple[JointGap, ...]:

@@ -23,8 +23,8 @@ The orders N go from one period over the travel to what the sampling can follow.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,6 +81,21 @@ GENERIC_MAX = 6
 """Number of generic functions that are tried."""
 
 
+@dataclass(frozen=True, order=True)
+class Structure:
+    """Something in a remainder that is no noise.
+
+    Attributes:
+        prominence: Over what noise reaches; structures of different kinds are ordered by it.
+        words: For the reader.
+        group: Index of the group.
+    """
+
+    prominence: float
+    words: str
+    group: int
+
+
 @dataclass(frozen=True, eq=False)
 class LackOfFit:
     """The test's outcome.
@@ -88,17 +103,28 @@ class LackOfFit:
     Attributes:
         ratio: (groups,) residual power over expected power.
         limit: (groups,) largest ratio that passes.
-        structure: Structure of the remainder, in words; empty if there is none.
+        structures: What of the remainder is no noise, the most prominent first.
     """
 
     ratio: Array
     limit: Array
-    structure: str
+    structures: tuple[Structure, ...]
+
+    @property
+    def structure(self) -> str:
+        """The most prominent structure in words; empty if there is none."""
+        return self.structures[0].words if self.structures else ""
+
+    @property
+    def failing(self) -> frozenset[int]:
+        """Indices of the groups whose remainder is more than noise."""
+        beyond = np.flatnonzero(self.ratio > self.limit)
+        return frozenset([*map(int, beyond), *(structure.group for structure in self.structures)])
 
     @property
     def passed(self) -> bool:
         """Whether the remainder is only noise."""
-        return bool(np.all(self.ratio <= self.limit)) and not self.structure
+        return not self.failing
 
 
 def lack_of_fit(evidence: Evidence) -> LackOfFit:
@@ -133,36 +159,44 @@ def _ratios(evidence: Evidence, recordings: Sequence[int]) -> list[tuple[float, 
     return out
 
 
-def find_structure(evidence: Evidence) -> str:
-    """Describes the structure of the remainder; empty if it is noise."""
-    model_fit = evidence.model_fit
-    recordings = (*model_fit.fitted, *evidence.heldout)
-    left = [model_fit.residuals(model_fit.whole.coefficients, r) for r in recordings]
-    found = []
-    small = evidence.rms(model_fit, recordings) <= evidence.negligible
-    for g, (residual, joint) in enumerate(evidence.design.groups):
-        if small[g]:
-            continue
-        name = f"{evidence.prepared[0].tree.joints[joint]} ({residual})"
-        series = [values[g] for values in left]
-        frequency, tone = _tone(series, evidence.design.rate)
-        moment = _moment(series, evidence.design.rate)
-        if tone > TONE_MAX:
-            found.append((tone / TONE_MAX, f"a tone at {frequency:.2g} Hz remains on {name}"))
-        if moment > MOMENT_MAX:
-            found.append((moment / MOMENT_MAX, f"single moments exceed the noise on {name}"))
+def find_structure(evidence: Evidence) -> tuple[Structure, ...]:
+    """Describes what of the remainder is no noise, the most prominent first."""
+    small = evidence.rms(evidence.model_fit, _all_recordings(evidence)) <= evidence.negligible
+    found = list(_tones_and_moments(evidence, small))
     best = _generic_function(evidence, small)
     if best is not None:
-        residual, joint = evidence.design.groups[best.term.groups[0]]
-        name = f"{evidence.prepared[0].tree.joints[joint]} ({residual})"
-        part = 100.0 * best.reduction
-        found.append(
-            (1.0, f"a function of the joint's motion without physics explains {part:.0f} % more on {name}")
-        )
+        group = best.term.groups[0]
+        said = f"explains {100.0 * best.reduction:.0f} % more on {_name(evidence, group)}"
+        found.append(Structure(1.0, f"a function of the joint's motion without physics {said}", group))
     changing = position_dependence(evidence)
     if changing is not None:
-        found.append((1.0 + changing[0], changing[1]))
-    return max(found, default=(0.0, ""))[1]
+        found.append(replace(changing, prominence=1.0 + changing.prominence))
+    return tuple(sorted(found, reverse=True))
+
+
+def _tones_and_moments(evidence: Evidence, small: NDArray[np.bool_]) -> Iterator[Structure]:
+    """Lines and single moments in each group that is not ``small`` beside its load."""
+    model_fit, rate = evidence.model_fit, evidence.design.rate
+    left = [model_fit.residuals(model_fit.whole.coefficients, r) for r in _all_recordings(evidence)]
+    for g in np.flatnonzero(~small):
+        series, group = [values[g] for values in left], int(g)
+        frequency, tone = _tone(series, rate)
+        moment = _moment(series, rate)
+        if tone > TONE_MAX:
+            words = f"a tone at {frequency:.2g} Hz remains on {_name(evidence, group)}"
+            yield Structure(tone / TONE_MAX, words, group)
+        if moment > MOMENT_MAX:
+            words = f"single moments exceed the noise on {_name(evidence, group)}"
+            yield Structure(moment / MOMENT_MAX, words, group)
+
+
+def _all_recordings(evidence: Evidence) -> tuple[int, ...]:
+    return (*evidence.model_fit.fitted, *evidence.heldout)
+
+
+def _name(evidence: Evidence, group: int) -> str:
+    residual, joint = evidence.design.groups[group]
+    return f"{evidence.prepared[0].tree.joints[joint]} ({residual})"
 
 
 def _tone(series: Sequence[Array], rate: float) -> tuple[float, float]:
@@ -206,11 +240,10 @@ def _generic_function(evidence: Evidence, small: NDArray[np.bool_]) -> Candidate
     return max(good, key=lambda trial: trial.gain, default=None)
 
 
-def position_dependence(evidence: Evidence) -> tuple[float, str] | None:
-    """Finds the cause whose size varies most with its joint's position.
+def position_dependence(evidence: Evidence) -> Structure | None:
+    """Finds the cause whose size varies most with its joint's position; None where all are constant.
 
-    Returns:
-        Part of the residual that the variation explains, and a sentence; None where all are constant.
+    Its prominence is the part of the residual that the variation explains.
     """
     found = []
     for index, term in enumerate(evidence.model_fit.model):
@@ -219,7 +252,7 @@ def position_dependence(evidence: Evidence) -> tuple[float, str] | None:
             if part is not None:
                 name = f"{term.key[0]} on {term.candidate.joints[0]}"
                 said = f"the size of {name} changes with the joint's position, which explains {100 * part:.0f} % more"
-                found.append((part, said))
+                found.append(Structure(part, said, term.groups[0]))
     return max(found, default=None)
 
 
