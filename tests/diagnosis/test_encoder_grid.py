@@ -20,6 +20,7 @@ from impedance_modules.diagnosis.data.encoder_grid import (
 )
 from impedance_modules.diagnosis.regression import sensor_noise
 from impedance_modules.diagnosis.residuals.band import CommonBand
+from impedance_modules.diagnosis.residuals.preparation import _grid_errors
 from impedance_modules.effects.recorded_signals import differentiate
 
 STEP = 2.0 * np.pi / 16384
@@ -138,3 +139,23 @@ def test_a_torque_that_is_switched_is_on_no_grid():
     pattern = np.repeat([3.0, 0.0, -3.0, 3.0, -3.0, 0.0, 3.0, -3.0], 60)
     recordings = [{"a": np.tile(pattern, 5), "b": np.tile(np.repeat([2.0, -2.0], 50), 20)}]
     assert not torque_steps_of(recordings, ["a", "b"]).any()
+
+
+@pytest.mark.parametrize(
+    ("source", "asked", "rounded"),
+    [("motor", True, "drive"), ("motor", False, "needed"), ("joint_sensor", True, "links")],
+)
+def test_a_motors_reading_is_rounded_where_its_command_was(source: str, asked: bool, rounded: str) -> None:
+    """A model that is off by a fraction of a step rounds elsewhere; the command does not."""
+    random = np.random.default_rng(3)
+    links, rotor, off = random.normal(size=(3, 400, 2)) * np.array([1.0, 0.2])
+    torques = {"drive": links + 0.1 * rotor + 0.05 * off, "needed": links + 0.1 * rotor, "links": links}
+    signals = SimpleNamespace(drive=torques["drive"] if asked else None, motor_acceleration=rotor)
+    log = SimpleNamespace(effort_source=source, effort_steps=np.array([0.5, 0.25]))
+    model = SimpleNamespace(reflected_inertia=np.full(2, 0.1))
+    found = _grid_errors(log, model, signals, links)
+    np.testing.assert_allclose(found, mean_rounding(torques[rounded], log.effort_steps))
+    # What a sensor with little noise reads is where the grid says, and the residual of the drive holds just that.
+    read = log.effort_steps * np.round(torques["drive"] / log.effort_steps)
+    if rounded == "drive":
+        assert np.corrcoef((torques["drive"] - read).ravel(), found.ravel())[0, 1] < -0.6

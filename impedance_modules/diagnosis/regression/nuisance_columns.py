@@ -38,7 +38,7 @@ SPEED_PRIOR = 0.25
 """Likewise of the reported velocities."""
 
 GRID_PRIOR = 1.0
-"""Standard deviation of what the grid of an effort adds, over what it would add to the model's torque."""
+"""Standard deviation of what the grid of an effort adds, over what it would add to the torque as it is known."""
 
 WEIGHT_PRIOR = 0.03
 """Standard deviation of the weights that the robot compensates by itself, over their size."""

@@ -56,7 +56,7 @@ class Prepared:
         weight_nuisance: (M, n, 10 n) likewise of the weight alone, which the robot compensates.
         timing_nuisance: (M, n) change of the residual per second of additional command delay.
         reading_nuisance: (M, n) change of the effort per second that its readings are early.
-        grid_nuisance: (M, n) what the grid of an effort would add to the torque that the model needs [N.m].
+        grid_nuisance: (M, n) what the grid of an effort would add to the torque asked for, or needed [N.m].
         time, position, velocity, acceleration, load: (M,) or (M, n) for regimes and ranges.
     """
 
@@ -155,12 +155,17 @@ def _link_position(log: Log, model: NominalModel, band: Band, time: Array, readi
 
 
 def _grid_errors(log: Log, model: NominalModel, signals: Signals, torque: Array) -> Array:
-    """What the efforts' grids would add to the torque that the model needs at the sensor, (N, n)."""
+    """What the efforts' grids would add to the torque at the sensor, (N, n): as asked for, else as the model needs it.
+
+    A motor's command is nearer to its torque than any model: a fraction of a step decides what is rounded where.
+    """
     if log.effort_steps is None:
         return np.zeros_like(torque)
-    motor = log.effort_source == "motor"
-    rotor = signals.motor_acceleration * model.reflected_inertia if motor else 0.0
-    return mean_rounding(torque + rotor, log.effort_steps)
+    if log.effort_source != "motor":
+        return mean_rounding(torque, log.effort_steps)
+    if signals.drive is not None:
+        return mean_rounding(signals.drive, log.effort_steps)
+    return mean_rounding(torque + signals.motor_acceleration * model.reflected_inertia, log.effort_steps)
 
 
 def _signals(
