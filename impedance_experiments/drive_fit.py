@@ -33,7 +33,7 @@ from impedance_modules.diagnosis.data.rigid_dynamics import BatchedRigidModel
 from impedance_modules.diagnosis.residuals.band import choose_band
 from impedance_modules.diagnosis.residuals.preparation import Prepared, prepare
 from impedance_modules.effects.catalogue import CATALOGUE
-from impedance_modules.effects.effect import Site
+from impedance_modules.effects.regressor import Site
 from impedance_modules.effects.rigid_model import RigidModel
 from impedance_modules.effects.springs import BenchSpring
 from impedance_modules.spec.patch_file import EffectSpec

@@ -10,10 +10,11 @@ import numpy as np
 
 from impedance_modules.arrays import Array
 from impedance_modules.effects.compensation_builder import CompensationBuilder, Diagnosed
-from impedance_modules.effects.effect import Effect, Regressor, Site, Stepped, Values, all_rows
+from impedance_modules.effects.effect import Effect, Stepped, Values
 from impedance_modules.effects.effect_description import Description, Parameter, Port
 from impedance_modules.effects.joint_motion import Shape
 from impedance_modules.effects.plant_builder import PlantBuilder
+from impedance_modules.effects.regressor import Regressor, Site, all_rows
 from impedance_modules.effects.residual_kinds import Residual
 from impedance_modules.effects.simulator_numbers import Exported
 from impedance_modules.robot.rotation import exp3

@@ -16,11 +16,12 @@ import numpy as np
 
 from impedance_modules.arrays import Array
 from impedance_modules.compiled import compiled
-from impedance_modules.effects.effect import Effect, Regressor, Site, Stepped, Values, one_row
+from impedance_modules.effects.effect import Effect, Stepped, Values
 from impedance_modules.effects.effect_description import Description, Parameter, Port, joint_parameter
 from impedance_modules.effects.joint_motion import CompiledTorque, JointMotion, Shape
 from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.recorded_signals import Signals, differentiate
+from impedance_modules.effects.regressor import Regressor, Site, one_row
 from impedance_modules.effects.residual_kinds import Residual, Stage
 from impedance_modules.effects.simulator_numbers import Exported, one_number
 from impedance_modules.records import Record, Vector

@@ -16,8 +16,8 @@ asks for an effect by its id. A new effect is a subclass and a line in `catalogu
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -29,18 +29,13 @@ from impedance_modules.effects.effect_description import Description, Port
 from impedance_modules.effects.joint_motion import JointSample, Shape, regularisation_velocity
 from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.recorded_signals import DriveErrors, Signals
+from impedance_modules.effects.regressor import Bound, Regressor, Site, one_row
 from impedance_modules.effects.residual_kinds import COVERS, STAGE_OF_PORT, Residual, Stage
 from impedance_modules.effects.simulator_numbers import Exported
 from impedance_modules.spec.robot_spec import EncoderSide, RobotSpec
 
 Values = Mapping[str, float]
 """An effect's parameters by symbol, in the units of its description."""
-
-Bound = float | Sequence[float] | Array
-"""Bound of all coefficients of a regression, or of each of them."""
-
-PAIR = "<-"
-"""Between the two joints of a key: ``JOINT<-OTHER``."""
 
 PRESLIDING = "presliding"
 """Shape: presliding displacement [rad], over which dry friction changes its sign; zero where a speed decides."""
@@ -57,56 +52,6 @@ WIDER_REGULARISATIONS = (3.0, 7.0)
 
 Compensation = Literal["weight", "potential", "friction", "gain"]
 """How a controller takes an effect back."""
-
-
-@dataclass(frozen=True)
-class Site:
-    """Where in a recording an effect is looked for.
-
-    Attributes:
-        signals: The recording.
-        key: Joint, pair of joints, link, ``base``, ``log`` or surface that carries the effect's numbers.
-        port: Where it acts.
-    """
-
-    signals: Signals
-    key: str
-    port: Port
-
-    @property
-    def joint(self) -> int:
-        """Column of the joint that the key names."""
-        return self.signals.joint(self.key)
-
-    def sample(self) -> JointSample:
-        """The joint's motion on the side of its gear at which the effect acts."""
-        return self.signals.sample(self.joint, motor_side=self.port == "actuator")
-
-    def bristles(self, stretch: float) -> Array:
-        """Bend (N,) of bristles that slip within a displacement [rad], on the same side."""
-        return self.signals.bristles(self.joint, stretch, motor_side=self.port == "actuator")
-
-
-@dataclass(frozen=True)
-class Regressor:
-    """An effect's torque in one residual, for one shape.
-
-    Attributes:
-        rows: Joints whose residual it enters.
-        columns: (N, rows, p); the coefficients are common to all rows.
-        fixed: (N, rows) part that has no coefficient.
-        lower, upper: (p,) physical bounds of the coefficients.
-    """
-
-    rows: tuple[int, ...]
-    columns: Array
-    fixed: Array
-    lower: Array
-    upper: Array
-
-    def torque(self, coefficients: Array) -> Array:
-        """Evaluates the regression, (N, rows) [N.m], or [rad/s] in the velocity residual."""
-        return np.asarray(self.fixed + self.columns @ coefficients)
 
 
 class Effect(ABC):
@@ -421,31 +366,3 @@ def predicted(effect: Effect, site: Site, residual: Residual, values: Values) ->
     if found is not None:
         total[:, list(found.rows)] += found.torque(coefficients)
     return total
-
-
-def one_row(
-    joint: int, columns: Array, fixed: Array | None = None, lower: Bound = 0.0, upper: Bound = np.inf
-) -> Regressor:
-    """Makes a regressor of one joint from one column (N,) or columns (N, p), and a fixed part (N,)."""
-    columns = columns.reshape(len(columns), 1, -1)
-    steady = np.zeros(columns.shape[:2]) if fixed is None else fixed[:, None]
-    return _bounded((joint,), columns, steady, lower, upper)
-
-
-def all_rows(
-    columns: Array, fixed: Array | None = None, lower: Bound = -np.inf, upper: Bound = np.inf
-) -> Regressor:
-    """Makes a regressor of all joints from columns (N, n, p) and a fixed part (N, n)."""
-    steady = np.zeros(columns.shape[:2]) if fixed is None else fixed
-    return _bounded(tuple(range(columns.shape[1])), columns, steady, lower, upper)
-
-
-def _bounded(rows: tuple[int, ...], columns: Array, fixed: Array, lower: Bound, upper: Bound) -> Regressor:
-    count = columns.shape[2]
-    return Regressor(rows, columns, fixed, np.full(count, lower), np.full(count, upper))
-
-
-def ends(key: str) -> tuple[str, str]:
-    """Splits the key ``JOINT<-OTHER`` of a pair."""
-    joint, _, other = key.partition(PAIR)
-    return joint, other

@@ -11,11 +11,12 @@ import numpy as np
 
 from impedance_modules.arrays import Array
 from impedance_modules.compiled import compiled
-from impedance_modules.effects.effect import Effect, Regressor, Site, Values, all_rows
+from impedance_modules.effects.effect import Effect, Values
 from impedance_modules.effects.effect_description import Description, Parameter, Port
 from impedance_modules.effects.joint_motion import CompiledTorque, JointMotion, Shape
 from impedance_modules.effects.link_poses import add_point_force, on_joint_axes, point_of_link
 from impedance_modules.effects.plant_builder import PlantBuilder
+from impedance_modules.effects.regressor import Regressor, Site, all_rows
 from impedance_modules.effects.residual_kinds import Residual
 from impedance_modules.records import Integer, Record, Scalar, Vector
 from impedance_modules.robot.model import RobotModel

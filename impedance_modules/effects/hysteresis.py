@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 
 from impedance_modules.arrays import Array
 from impedance_modules.compiled import compiled
-from impedance_modules.effects.effect import Effect, Regressor, Site, Values, one_row
+from impedance_modules.effects.effect import Effect, Values
 from impedance_modules.effects.effect_description import Description, Port, joint_parameter
 from impedance_modules.effects.joint_motion import CompiledTorque, JointMotion, Shape, bent, follow
 from impedance_modules.effects.plant_builder import PlantBuilder
+from impedance_modules.effects.regressor import Regressor, Site, one_row
 from impedance_modules.effects.residual_kinds import Residual
 from impedance_modules.records import Flag, Indices, Record, Vector
 

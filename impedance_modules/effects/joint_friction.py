@@ -13,7 +13,7 @@ from impedance_modules.effects.compensation_builder import (
     IdentifiedNumber,
     IdentifiedNumbers,
 )
-from impedance_modules.effects.effect import JointLaw, Site, Values
+from impedance_modules.effects.effect import JointLaw, Values
 from impedance_modules.effects.effect_description import Description, Parameter, joint_parameter
 from impedance_modules.effects.joint_motion import (
     REGULARISATION_VELOCITY,
@@ -21,6 +21,7 @@ from impedance_modules.effects.joint_motion import (
     Shape,
     regularisation_velocity,
 )
+from impedance_modules.effects.regressor import Site
 from impedance_modules.effects.simulator_numbers import one_number
 from impedance_modules.records import Matrix, Row, Vector
 

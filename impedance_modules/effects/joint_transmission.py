@@ -21,7 +21,7 @@ import numpy as np
 
 from impedance_modules.arrays import Array
 from impedance_modules.compiled import compiled
-from impedance_modules.effects.effect import Effect, Regressor, Site, Values, all_rows, ends, one_row
+from impedance_modules.effects.effect import Effect, Values
 from impedance_modules.effects.effect_description import Description, Port, joint_parameter
 from impedance_modules.effects.joint_motion import (
     REGULARISATION_VELOCITY,
@@ -32,6 +32,7 @@ from impedance_modules.effects.joint_motion import (
 )
 from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.recorded_signals import DriveErrors, Signals
+from impedance_modules.effects.regressor import Regressor, Site, all_rows, ends, one_row
 from impedance_modules.effects.residual_kinds import Residual, uses_motion
 from impedance_modules.effects.simulator_numbers import one_number
 from impedance_modules.errors import BadInput

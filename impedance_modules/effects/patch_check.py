@@ -10,8 +10,9 @@ from functools import cached_property
 import numpy as np
 
 from impedance_modules.effects.catalogue import CATALOGUE
-from impedance_modules.effects.effect import PAIR, Effect
+from impedance_modules.effects.effect import Effect
 from impedance_modules.effects.effect_description import Description, KeyKind, Parameter, same_unit
+from impedance_modules.effects.regressor import PAIR
 from impedance_modules.effects.rigid_model import RigidModel
 from impedance_modules.effects.surface_effects import surface_index
 from impedance_modules.errors import Problem, nearest

@@ -11,21 +11,12 @@ from impedance_modules.arrays import Array
 from impedance_modules.compiled import compiled
 from impedance_modules.effects.compensation_builder import CompensationBuilder, Diagnosed
 from impedance_modules.effects.drive_effects import LAGS, lagged
-from impedance_modules.effects.effect import (
-    Effect,
-    JointLaw,
-    Regressor,
-    Site,
-    Stepped,
-    Values,
-    all_rows,
-    ends,
-    one_row,
-)
+from impedance_modules.effects.effect import Effect, JointLaw, Stepped, Values
 from impedance_modules.effects.effect_description import Description, Parameter, Port, joint_parameter
 from impedance_modules.effects.joint_motion import Shape
 from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.recorded_signals import Signals
+from impedance_modules.effects.regressor import Regressor, Site, all_rows, ends, one_row
 from impedance_modules.effects.residual_kinds import COVERS, EFFORT_SIGN, Residual, Stage, uses_motion
 from impedance_modules.effects.simulator_numbers import one_number
 from impedance_modules.errors import BadInput

@@ -11,10 +11,11 @@ import numpy as np
 from impedance_modules.arrays import Array
 from impedance_modules.compiled import compiled
 from impedance_modules.effects.compensation_builder import CompensationBuilder, Diagnosed
-from impedance_modules.effects.effect import JointLaw, Regressor, Site, Values, one_row
+from impedance_modules.effects.effect import JointLaw, Values
 from impedance_modules.effects.effect_description import Description, Parameter, Port, joint_parameter
 from impedance_modules.effects.joint_motion import Shape
 from impedance_modules.effects.plant_builder import PlantBuilder
+from impedance_modules.effects.regressor import Regressor, Site, one_row
 from impedance_modules.effects.residual_kinds import COVERS, Residual
 from impedance_modules.effects.simulator_numbers import Exported
 from impedance_modules.errors import BadInput

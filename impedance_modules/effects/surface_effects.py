@@ -19,10 +19,11 @@ from typing import Any
 import numpy as np
 
 from impedance_modules.arrays import Array
-from impedance_modules.effects.effect import Effect, Regressor, Site, Stepped, Values, all_rows
+from impedance_modules.effects.effect import Effect, Stepped, Values
 from impedance_modules.effects.effect_description import Description, Parameter, Port
 from impedance_modules.effects.joint_motion import SLIDING_REGULARISATION_VELOCITY, Shape
 from impedance_modules.effects.recorded_signals import Signals
+from impedance_modules.effects.regressor import Regressor, Site, all_rows
 from impedance_modules.effects.residual_kinds import Residual
 from impedance_modules.robot.rotation import exp3
 from impedance_modules.spec.task import SurfaceSpec

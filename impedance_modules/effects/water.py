@@ -15,7 +15,7 @@ import numpy as np
 from impedance_modules.arrays import Array
 from impedance_modules.compiled import compiled
 from impedance_modules.effects.bodies import CENTRE, MassAtPoint, by_axis, centre_of, place_on_link
-from impedance_modules.effects.effect import Effect, Regressor, Site, Values, all_rows
+from impedance_modules.effects.effect import Effect, Values
 from impedance_modules.effects.effect_description import Description, Parameter, Port
 from impedance_modules.effects.joint_motion import CompiledTorque, JointMotion, Shape, joint_motion
 from impedance_modules.effects.link_poses import (
@@ -26,6 +26,7 @@ from impedance_modules.effects.link_poses import (
     poses_at,
 )
 from impedance_modules.effects.plant_builder import PlantBuilder
+from impedance_modules.effects.regressor import Regressor, Site, all_rows
 from impedance_modules.effects.residual_kinds import Residual
 from impedance_modules.records import Array3, Indices, Matrix, Record, Vector
 from impedance_modules.robot.model import RobotModel

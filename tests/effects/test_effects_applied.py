@@ -8,8 +8,9 @@ import pytest
 from scipy import signal
 
 from impedance_modules.effects.catalogue import CATALOGUE
-from impedance_modules.effects.effect import Site, predicted
+from impedance_modules.effects.effect import predicted
 from impedance_modules.effects.recorded_signals import Signals
+from impedance_modules.effects.regressor import Site
 from impedance_modules.effects.surface_effects import SurfaceEffect
 from tests.support.effect_recordings import (
     RATE,

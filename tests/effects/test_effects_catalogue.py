@@ -16,9 +16,9 @@ from hypothesis import strategies as st
 from docs import effects_tables
 from impedance_modules.effects.apply import apply_patch, apply_to_plant, apply_to_surfaces
 from impedance_modules.effects.catalogue import CATALOGUE
-from impedance_modules.effects.effect import Site
 from impedance_modules.effects.effect_description import Parameter, Place, same_unit
 from impedance_modules.effects.recorded_signals import Signals
+from impedance_modules.effects.regressor import Site
 from impedance_modules.effects.residual_kinds import RESIDUALS
 from impedance_modules.errors import BadFile, BadInput
 from impedance_modules.robot.model import RobotModel

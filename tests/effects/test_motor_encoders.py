@@ -9,8 +9,8 @@ import pytest
 from scipy import signal
 
 from impedance_modules.effects.catalogue import CATALOGUE
-from impedance_modules.effects.effect import Site
 from impedance_modules.effects.recorded_signals import Signals
+from impedance_modules.effects.regressor import Site
 from impedance_modules.effects.rigid_model import RigidModel
 from tests.reference.two_link_arm import (
     DAMPING,

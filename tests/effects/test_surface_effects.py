@@ -7,8 +7,8 @@ import pytest
 
 from impedance_modules.effects.apply import apply_to_surfaces
 from impedance_modules.effects.catalogue import CATALOGUE
-from impedance_modules.effects.effect import Site
 from impedance_modules.effects.recorded_signals import Signals
+from impedance_modules.effects.regressor import Site
 from impedance_modules.effects.rigid_model import RigidModel
 from impedance_modules.effects.surface_effects import touches
 from impedance_modules.plant.plant import Plant, PlantOptions

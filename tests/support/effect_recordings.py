@@ -12,8 +12,8 @@ import yaml
 
 from impedance_modules.effects.apply import apply_patch, apply_to_plant
 from impedance_modules.effects.catalogue import CATALOGUE
-from impedance_modules.effects.effect import PAIR
 from impedance_modules.effects.recorded_signals import Signals
+from impedance_modules.effects.regressor import PAIR
 from impedance_modules.effects.rigid_model import RigidModel
 from impedance_modules.plant.plant import Plant, PlantOptions
 from impedance_modules.robot.model import RobotModel

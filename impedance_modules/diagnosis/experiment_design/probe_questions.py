@@ -9,8 +9,8 @@ from typing import Any, cast
 
 from impedance_modules.diagnosis.data.rigid_tree import RigidTree
 from impedance_modules.effects.catalogue import CATALOGUE, first_excitation
-from impedance_modules.effects.effect import PAIR
 from impedance_modules.effects.effect_description import Port
+from impedance_modules.effects.regressor import PAIR
 from impedance_modules.effects.residual_kinds import RESIDUALS, Residual
 from impedance_modules.errors import BadInput
 

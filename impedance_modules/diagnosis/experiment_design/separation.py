@@ -41,9 +41,10 @@ from impedance_modules.diagnosis.experiment_design.probe_questions import (
 from impedance_modules.diagnosis.regression.candidates import Candidate, columns_of
 from impedance_modules.diagnosis.regression.nuisance_columns import inertia_prior
 from impedance_modules.effects.catalogue import CATALOGUE
-from impedance_modules.effects.effect import Site, predicted
+from impedance_modules.effects.effect import predicted
 from impedance_modules.effects.effect_description import Port
 from impedance_modules.effects.recorded_signals import Signals, differentiate
+from impedance_modules.effects.regressor import Site
 from impedance_modules.effects.residual_kinds import Residual
 from impedance_modules.effects.rigid_model import RigidModel
 

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.residuals.preparation import Prepared
-from impedance_modules.effects.effect import PAIR, Effect, Site
+from impedance_modules.effects.effect import Effect
 from impedance_modules.effects.effect_description import KeyKind, Port
 from impedance_modules.effects.recorded_signals import Signals
+from impedance_modules.effects.regressor import PAIR, Site
 from impedance_modules.effects.residual_kinds import Residual
 
 Thin = NDArray[np.float32]

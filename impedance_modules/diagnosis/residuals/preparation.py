@@ -30,9 +30,10 @@ from impedance_modules.diagnosis.data.time_base import delayed
 from impedance_modules.diagnosis.residuals.band import Band, CommonBand, deflection_cutoffs
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.drive_effects import lagged
-from impedance_modules.effects.effect import Site, predicted
+from impedance_modules.effects.effect import predicted
 from impedance_modules.effects.effect_description import Port
 from impedance_modules.effects.recorded_signals import Signals, differentiate
+from impedance_modules.effects.regressor import Site
 from impedance_modules.effects.residual_kinds import Residual
 from impedance_modules.spec.patch_file import EffectSpec
 
