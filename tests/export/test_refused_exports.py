@@ -18,7 +18,8 @@ from tests.support.effect_recordings import applied, write_patch
 from tests.support.mujoco_models import mujoco_text, rigid
 from tests.support.plant_parts import SIX_JOINTS
 
-EVERY = [case for cases in RUNS.values() for case in cases]
+# One spring of a joint: a patch with two of them is refused before anything is exported.
+EVERY = list({(case.effect, case.port, case.key): case for cases in RUNS.values() for case in cases}.values())
 EVERY += [
     applied("surface_height", "contact", "surface0", dh=0.01),
     applied("surface_stiffness", "contact", "surface0", k=9000.0),
