@@ -75,16 +75,18 @@ class ProbabilityLaw:
 
 
 LAW = ProbabilityLaw(
-    base=-1.382,
+    base=-1.905,
     coefficients={
-        "gain": 0.955,
-        "lead": 0.421,
-        "weight": 0.168,
-        "motion": 1.412,
-        "no_repeats": -1.098,
-        "others": -0.047,
+        "gain": 0.723,
+        "lead": 0.358,
+        "weight": 1.165,
+        "deviations": 0.556,
+        "lack_of_fit": -1.303,
+        "motion": 1.458,
+        "no_repeats": -0.630,
+        "others": -0.908,
     },
-    alternative=0.470,
+    alternative=0.638,
 )
 """Fitted, and printed, by `python -m benchmarks.wide calibrate OUT`; docs/wide-benchmark.md says to how many causes."""
 
