@@ -11,7 +11,7 @@ from impedance_modules.diagnosis.model_selection import lack_of_fit as remainder
 from impedance_modules.diagnosis.model_selection.conclusion import propose_motion
 from impedance_modules.diagnosis.model_selection.evidence import Evidence, above_negligible, negligible
 from impedance_modules.diagnosis.model_selection.external_pushes import ExternalPush, Forces
-from impedance_modules.diagnosis.model_selection.lack_of_fit import LackOfFit, Structure
+from impedance_modules.diagnosis.model_selection.lack_of_fit import LackOfFit, RemainingStructure
 from impedance_modules.diagnosis.result import Cause, JointGap, Remainder, Rival
 from impedance_modules.effects.catalogue import CATALOGUE
 
@@ -58,9 +58,9 @@ def test_on_a_weak_floor_more_power_may_be_left(ratio, weak, passes) -> None:
     assert conclusion._power_passes(lack, weak=weak) is passes
 
 
-def structures(words: str) -> tuple[Structure, ...]:
+def structures(words: str) -> tuple[RemainingStructure, ...]:
     """One structure of the first group, or none."""
-    return (Structure(1.5, words, 0),) if words else ()
+    return (RemainingStructure(1.5, words, 0),) if words else ()
 
 
 def gap(before: float, after: float, floor: float) -> JointGap:

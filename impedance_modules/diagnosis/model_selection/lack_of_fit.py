@@ -82,7 +82,7 @@ GENERIC_MAX = 6
 
 
 @dataclass(frozen=True, order=True)
-class Structure:
+class RemainingStructure:
     """Something in a remainder that is no noise.
 
     Attributes:
@@ -108,7 +108,7 @@ class LackOfFit:
 
     ratio: Array
     limit: Array
-    structures: tuple[Structure, ...]
+    structures: tuple[RemainingStructure, ...]
 
     @property
     def structure(self) -> str:
@@ -159,7 +159,7 @@ def _ratios(evidence: Evidence, recordings: Sequence[int]) -> list[tuple[float, 
     return out
 
 
-def find_structure(evidence: Evidence) -> tuple[Structure, ...]:
+def find_structure(evidence: Evidence) -> tuple[RemainingStructure, ...]:
     """Describes what of the remainder is no noise, the most prominent first."""
     small = evidence.rms(evidence.model_fit, _all_recordings(evidence)) <= evidence.negligible
     found = list(_tones_and_moments(evidence, small))
@@ -167,14 +167,16 @@ def find_structure(evidence: Evidence) -> tuple[Structure, ...]:
     if best is not None:
         group = best.term.groups[0]
         said = f"explains {100.0 * best.reduction:.0f} % more on {_name(evidence, group)}"
-        found.append(Structure(1.0, f"a function of the joint's motion without physics {said}", group))
+        found.append(
+            RemainingStructure(1.0, f"a function of the joint's motion without physics {said}", group)
+        )
     changing = position_dependence(evidence)
     if changing is not None:
         found.append(replace(changing, prominence=1.0 + changing.prominence))
     return tuple(sorted(found, reverse=True))
 
 
-def _tones_and_moments(evidence: Evidence, small: NDArray[np.bool_]) -> Iterator[Structure]:
+def _tones_and_moments(evidence: Evidence, small: NDArray[np.bool_]) -> Iterator[RemainingStructure]:
     """Lines and single moments in each group that is not ``small`` beside its load."""
     model_fit, rate = evidence.model_fit, evidence.design.rate
     left = [model_fit.residuals(model_fit.whole.coefficients, r) for r in _all_recordings(evidence)]
@@ -184,10 +186,10 @@ def _tones_and_moments(evidence: Evidence, small: NDArray[np.bool_]) -> Iterator
         moment = _moment(series, rate)
         if tone > TONE_MAX:
             words = f"a tone at {frequency:.2g} Hz remains on {_name(evidence, group)}"
-            yield Structure(tone / TONE_MAX, words, group)
+            yield RemainingStructure(tone / TONE_MAX, words, group)
         if moment > MOMENT_MAX:
             words = f"single moments exceed the noise on {_name(evidence, group)}"
-            yield Structure(moment / MOMENT_MAX, words, group)
+            yield RemainingStructure(moment / MOMENT_MAX, words, group)
 
 
 def _all_recordings(evidence: Evidence) -> tuple[int, ...]:
@@ -240,7 +242,7 @@ def _generic_function(evidence: Evidence, small: NDArray[np.bool_]) -> Candidate
     return max(good, key=lambda trial: trial.gain, default=None)
 
 
-def position_dependence(evidence: Evidence) -> Structure | None:
+def position_dependence(evidence: Evidence) -> RemainingStructure | None:
     """Finds the cause whose size varies most with its joint's position; None where all are constant.
 
     Its prominence is the part of the residual that the variation explains.
@@ -252,7 +254,7 @@ def position_dependence(evidence: Evidence) -> Structure | None:
             if part is not None:
                 name = f"{term.key[0]} on {term.candidate.joints[0]}"
                 said = f"the size of {name} changes with the joint's position, which explains {100 * part:.0f} % more"
-                found.append(Structure(part, said, term.groups[0]))
+                found.append(RemainingStructure(part, said, term.groups[0]))
     return max(found, default=None)
 
 
