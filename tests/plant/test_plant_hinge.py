@@ -70,12 +70,15 @@ def test_a_hinge_without_friction_keeps_energy(arm, axis, rest, stiffness) -> No
     """Under gravity, on a return spring, from rest: nothing but the bearing's damping takes energy, and little."""
     spec = hinge_at(arm, axis, stiffness=stiffness, rest=rest)
     subject = started(undamped(spec_of(SIX_JOINTS)), held=lever(spec), at=middle)
-    before = subject.energy()
-    idle(subject, 400)
-    after = subject.energy()
-    moved = max(1e-3, abs(after.gravity - before.gravity), after.body)
-    assert abs(after.imbalance(before)) < 1e-5 * moved
-    assert -1e-9 < after.dissipated(before)["hinge"] < 2e-2 * moved + 1e-9
+    before = after = subject.energy()
+    exchanged = 1e-3
+    for _ in range(20):
+        idle(subject, 20)
+        after = subject.energy()
+        # The largest on the way: after a whole swing the object is where it was, and nothing seems to have moved.
+        exchanged = max(exchanged, abs(after.gravity - before.gravity), after.body)
+    assert abs(after.imbalance(before)) < 1e-5 * exchanged
+    assert -1e-9 < after.dissipated(before)["hinge"] < 2e-2 * exchanged + 1e-9
 
 
 @given(
