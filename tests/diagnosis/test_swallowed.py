@@ -60,6 +60,29 @@ def test_readings_that_are_a_little_late_are_said(tmp_path):
     assert late["deviations"] == pytest.approx(abs(late["later"]) / 1e-3, rel=1e-6)  # a tenth of 10 ms
 
 
+def test_a_robot_that_carries_its_weight_by_old_positions_is_said(tmp_path):
+    old, paths = 4e-3, []
+    for index, kind in enumerate((0, 0, 1, 2)):
+        dice = np.random.default_rng(index)
+        t, q, v, a = motion(kind, 15.0)
+        still = np.zeros_like(q)
+        command = torque(q, v, a, mass=1.0) - torque(q - old * v, still, still, mass=1.0)
+        columns = columns_of(
+            t,
+            JOINTS,
+            position=q + dice.normal(scale=1e-5, size=q.shape),
+            effort_command=command + dice.normal(scale=0.01, size=q.shape),
+        )
+        repeated = "run0" if index == 1 else None
+        paths.append(
+            save(tmp_path, f"run{index}", columns, repeat_of=repeated, gravity_compensation="robot")
+        )
+    _, found = answer(tmp_path, paths)
+    late = found["swallowed"]["times"]["positions of compensated weights"]
+    assert found["causes"] == [] and late["later"] == pytest.approx(old, rel=0.25)
+    assert late["deviations"] == pytest.approx(late["later"] / 3e-3, rel=1e-6)
+
+
 def test_where_nothing_was_swallowed_nothing_is_said(tmp_path):
     _, found = answer(tmp_path, recorded(tmp_path))
     assert swallowed_sentences(found["swallowed"]) == []

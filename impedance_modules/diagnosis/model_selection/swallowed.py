@@ -18,6 +18,7 @@ from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.rigid_tree import Body, RigidTree
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.regression.nuisance_columns import (
+    ASSISTANCE_PRIOR,
     READING_PRIOR,
     SPEED_PRIOR,
     TIMING_PRIOR,
@@ -39,8 +40,13 @@ def swallowed_by_priors(evidence: Evidence) -> Swallowed:
     prior = inertia_prior(tree.inertia)
     size, period = len(prior), 1.0 / evidence.prepared[0].log.rate
     links = found[:size].reshape(-1, 10)
-    # The columns of readings are per second that these are early, that of commands per second that they act later.
-    late = (("commands", TIMING_PRIOR), ("efforts", -READING_PRIOR), ("velocities", -SPEED_PRIOR))
+    # The columns of readings are per second that these are early, the others per second that torque acts later.
+    late = (
+        ("commands", TIMING_PRIOR * period),
+        ("efforts", -READING_PRIOR * period),
+        ("velocities", -SPEED_PRIOR * period),
+        ("positions of compensated weights", ASSISTANCE_PRIOR),
+    )
     return Swallowed(
         links={
             body.link: Adjustment(float(row[0] * width), "kg", float(np.abs(row).max()))
@@ -48,7 +54,7 @@ def swallowed_by_priors(evidence: Evidence) -> Swallowed:
         },
         weights=float(np.abs(found[size : 2 * size]).max(initial=0.0)),
         times={
-            name: Adjustment(float(value * deviation * period), "s", float(abs(value)))
+            name: Adjustment(float(value * deviation), "s", float(abs(value)))
             for (name, deviation), value in zip(late, found[2 * size : 2 * size + len(late)], strict=True)
             if value != 0.0
         },

@@ -4,6 +4,7 @@ r"""What every recording may be wrong by without that being a finding: small err
 - each link's ten inertial parameters (\pm 3 %), and, of the weights that the robot compensates, \pm 3 %;
 - the instant in a period at which commands, efforts and velocities are stamped (\pm a fifth, a tenth, a quarter of a
   sample: a driver that differentiates backwards is half a sample late, an engine's half step is a part of it);
+- the age of the positions from which the robot computes the weight that it adds by itself (\pm 3 ms);
 - what the grid of a torque reading does to a torque of a few steps, once (\pm 1): it returns in every repeat.
 
 Every column is scaled to one standard deviation of its prior, so that the prior is a unit circle.
@@ -39,6 +40,9 @@ SPEED_PRIOR = 0.25
 
 GRID_PRIOR = 1.0
 """Standard deviation of what the grid of an effort adds, over what it would add to the torque as it is known."""
+
+ASSISTANCE_PRIOR = 0.003
+"""Standard deviation of the age of the positions from which a robot compensates its weight [s]: a few of its cycles."""
 
 WEIGHT_PRIOR = 0.03
 """Standard deviation of the weights that the robot compensates by itself, over their size."""
@@ -158,6 +162,11 @@ def _kinds(first: Prepared, prior: Array) -> tuple[_Kind, ...]:
             lambda item, group: (
                 SPEED_PRIOR * period * item.band.condense(item.signals.acceleration[:, [group[1]]])
             ),
+        ),
+        _Kind(
+            1,
+            lambda group: compensated and group[0] in drive,
+            lambda item, group: ASSISTANCE_PRIOR * item.assistance_nuisance[:, [group[1]]],
         ),
         _Kind(
             first.signals.n,

@@ -57,6 +57,7 @@ class Prepared:
         weight_nuisance: (M, n, 10 n) likewise of the weight alone, which the robot compensates.
         timing_nuisance: (M, n) change of the residual per second of additional command delay.
         reading_nuisance: (M, n) change of the effort per second that its readings are early.
+        assistance_nuisance: (M, n) change of what the robot adds by itself per second that its own reading is early.
         grid_nuisance: (M, n) what the grid of an effort would add to the torque asked for, or needed [N.m].
         time, position, velocity, acceleration, load: (M,) or (M, n) for regimes and ranges.
     """
@@ -70,6 +71,7 @@ class Prepared:
     weight_nuisance: Array
     timing_nuisance: Array
     reading_nuisance: Array
+    assistance_nuisance: Array
     grid_nuisance: Array
     time: Array
     position: Array
@@ -131,6 +133,9 @@ def prepare(
             signals.rate_of(signals.drive if signals.drive is not None else 0.0 * q)
         ),
         reading_nuisance=band.condense(signals.rate_of(0.0 * q if effort is None else effort)),
+        assistance_nuisance=band.condense(
+            signals.rate_of(0.0 * q if signals.assistance is None else signals.assistance)
+        ),
         grid_nuisance=band.condense(_grid_errors(log, model, signals, torque)),
         time=band.pick(signals.time),
         position=band.pick(q),
