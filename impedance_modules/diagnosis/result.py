@@ -94,8 +94,8 @@ class Swallowed:
     Attributes:
         links: Link -> change of its mass, and its largest deviation.
         weights: Largest deviation of the weights that the robot compensates.
-        times: ``commands``, ``efforts``, ``velocities`` -> how much later they were stamped, ``positions of compensated weights``
-            -> how old the positions were from which the robot computed them; those that were fitted.
+        times: ``commands``, ``efforts``, ``velocities`` -> how much later they were stamped; and ``positions of
+            compensated weights`` -> how old those were from which the robot computed them. Those that were fitted.
         hand: The mass in the hand that would do about the same as the links' change; None if none does.
     """
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from impedance_modules.effects import (
     bodies,
+    clock,
     drive_effects,
     external_contact,
     hysteresis,
@@ -45,7 +46,7 @@ _EFFECTS: tuple[Effect, ...] = (
     drive_effects.TorqueSaturation(),
     sensor_effects.Crosstalk(),
     sensor_effects.VelocityFilterLag(),
-    sensor_effects.ClockDrift(),
+    clock.ClockDrift(),
     external_contact.ExternalContact(),
     drive_effects.ControllerGain(),
     joint_transmission.TransmissionCoupling(),

@@ -15,11 +15,9 @@ from impedance_modules.effects.effect import Effect, JointLaw, Stepped, Values
 from impedance_modules.effects.effect_description import Description, Parameter, Port, joint_parameter
 from impedance_modules.effects.joint_motion import Shape
 from impedance_modules.effects.plant_builder import PlantBuilder
-from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.effects.regressor import Regressor, Site, all_rows, ends, one_row
-from impedance_modules.effects.residual_kinds import COVERS, EFFORT_SIGN, Residual, Stage, uses_motion
+from impedance_modules.effects.residual_kinds import EFFORT_SIGN, Residual, Stage, uses_motion
 from impedance_modules.effects.simulator_numbers import one_number
-from impedance_modules.errors import BadInput
 from impedance_modules.records import Matrix, Row, Vector
 
 NO_SUCH_SENSOR = "what sensors report beside the truth is none of the numbers there"
@@ -30,9 +28,6 @@ ONLY_REPORTED = (
     " (valid: the sensor's own calibration)"
 )
 """Why an error of a sensor is not compensated."""
-
-APART = "apart"
-"""Shape: 1 where the readings' clock runs away from the commands'."""
 
 
 @compiled
@@ -301,88 +296,3 @@ class VelocityFilterLag(Stepped):
     def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
         """Filters reported velocities once more."""
         builder.velocity_lag[builder.joints(parameters)] += [values["T"] for values in parameters.values()]
-
-
-class ClockDrift(Effect):
-    """Time stamps of a clock that runs fast or slow."""
-
-    description = Description(
-        id="clock_drift",
-        sentence="The clock that stamps the samples runs fast: recorded seconds are shorter than true ones.",
-        equation="t recorded = (1 + 1e-6 ppm) t; v reported - dq/dt = 1e-6 ppm dq/dt; tau = 2e-6 ppm (ID - weight);"
-        " apart = 1: readings at t show what was at t / (1 + 1e-6 ppm), commands do not",
-        parameters=(
-            Parameter("ppm", "ppm", "rate beyond the true one, in millionths", lower=-1e5, upper=1e5),
-            Parameter(
-                "apart",
-                "1",
-                "1 where the readings' clock runs away from the commands', 0 where all stamps are off alike",
-                lower=0.0,
-                upper=1.0,
-                left_out="0",
-            ),
-        ),
-        ports=("timing",),
-        places={"timing": "clock"},
-        keys=("log",),
-        signature="all joints alike: reported velocities and differences of position differ by a factor",
-        confusable_with=("command_delay", "velocity_filter_lag"),
-        excitation="a long recording, fast motion",
-        reference="IEEE 1588 (clock rate offset)",
-        applied="The plant: the time it reports.",
-    )
-    not_exported = "it belongs to the clock that stamped a recording, and a simulation has its own"
-    not_compensated = "it belongs to the clock that stamps the samples, and no torque sets a clock right"
-
-    def shows(self, port: Port, residual: Residual) -> bool:
-        """Where velocities are compared, accelerations used, or commands laid beside readings."""
-        return residual == "velocity" or uses_motion(residual) or "drive" in COVERS[residual]
-
-    def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
-        """Velocity in its own residual, twice the inertial torque in the links', what the command changes meanwhile."""
-        signals = site.signals
-        values = np.zeros((signals.samples, signals.n))
-        if residual == "velocity":
-            values += signals.encoder_velocity
-        if uses_motion(residual):
-            values += 2.0 * (signals.rigid - signals.weight)
-        if shape.get(APART) and "drive" in COVERS[residual]:
-            values += _run_away(signals)
-        ppm = self.description.parameter("ppm")
-        return all_rows(1e-6 * values[:, :, None], lower=ppm.lower, upper=ppm.upper)
-
-    def shapes(self, site: Site) -> tuple[dict[str, float], ...]:
-        """All stamps alike, or the readings' against the commands'."""
-        return ({APART: 0.0},) if site.signals.drive is None else ({APART: 0.0}, {APART: 1.0})
-
-    @property
-    def free(self) -> tuple[str, ...]:
-        """The rate."""
-        return ("ppm",)
-
-    def linear(self, values: Values) -> tuple[Array, dict[str, float]]:
-        """The rate; which of the clocks it is says the shape."""
-        return np.array([values["ppm"]]), {APART: values.get(APART, 0.0)}
-
-    def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
-        """Speeds the reported clock up.
-
-        Raises:
-            BadInput: The clocks run apart, which belongs to a recording's readings and to no robot.
-        """
-        for values in parameters.values():
-            if values.get(APART, 0.0):
-                raise BadInput(
-                    "clock_drift with apart = 1: readings that run away from the commands belong to a recording, no"
-                    " plant can have them (valid: apart 0, or none; `diagnose --effects` takes both)"
-                )
-            builder.clock *= 1.0 + 1e-6 * values["ppm"]
-
-
-def _run_away(signals: Signals) -> Array:
-    """What the torque asked for changes per second of the readings' age, times the time since the start, (N, n)."""
-    drive = signals.drive if signals.clean_drive is None else signals.clean_drive
-    if drive is None:
-        return np.zeros((signals.samples, signals.n))
-    asked = drive if signals.assistance is None else drive - signals.assistance
-    return np.asarray(signals.time[:, None] * signals.rate_of(asked))

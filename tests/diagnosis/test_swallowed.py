@@ -74,9 +74,7 @@ def test_a_robot_that_carries_its_weight_by_old_positions_is_said(tmp_path):
             effort_command=command + dice.normal(scale=0.01, size=q.shape),
         )
         repeated = "run0" if index == 1 else None
-        paths.append(
-            save(tmp_path, f"run{index}", columns, repeat_of=repeated, gravity_compensation="robot")
-        )
+        paths.append(save(tmp_path, f"run{index}", columns, repeat_of=repeated, gravity_compensation="robot"))
     _, found = answer(tmp_path, paths)
     late = found["swallowed"]["times"]["positions of compensated weights"]
     assert found["causes"] == [] and late["later"] == pytest.approx(old, rel=0.25)

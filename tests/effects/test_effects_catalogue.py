@@ -140,7 +140,7 @@ def test_coefficients_and_parameters_are_two_names_of_one_thing(seed: int, effec
     random, s, entry_of = np.random.default_rng(seed), recording(), CATALOGUE[effect]
     described = entry_of.description
     for port in described.ports:
-        given = [p for p in described.parameters if p.left_out is None or p.symbol not in ("q0", "D")]
+        given = [p for p in described.parameters if p.left_out is None or p.symbol not in ("q0", "D", "T")]
         values = {p.symbol: drawn(p, random) for p in given}
         site = Site(s, key_of(effect), port)
         coefficients, shape = entry_of.coefficients(values, site)
@@ -379,6 +379,44 @@ def test_the_clock_drift_is_found_from_readings_and_commands(seed: int) -> None:
     consumed = (asked(time) - asked(time / (1.0 + drift)))[50:-50].ravel()
     assert 1e-6 * (column @ consumed) / (column @ column) == pytest.approx(drift, rel=0.03)
     assert clock.regressor(Site(late, "log", "timing"), "actuator", {"apart": 0.0}) is not None
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([("actuator", -1.0), ("link", 1.0), ("drive", -1.0)]))
+@settings(max_examples=10, deadline=None)
+def test_efforts_with_a_clock_of_their_own_are_found(seed: int, residual: tuple[str, float]) -> None:
+    """Efforts at t show what was at (t - T) / (1 + c): rate and age from what that changes in a residual."""
+    name, sign = residual
+    random, clock = np.random.default_rng(seed), CATALOGUE["clock_drift"]
+    drift, late = float(random.uniform(-1e-3, 1e-3)), float(random.uniform(-0.01, 0.01))
+    s = recording()
+    time = np.arange(1200) / 100.0
+    tones, phases = random.uniform(0.3, 2.0, (2, s.n)), random.uniform(0.0, 6.0, (2, s.n))
+
+    def given_at(t: np.ndarray) -> np.ndarray:
+        return np.asarray(np.sin(2.0 * np.pi * tones * t[:, None, None] + phases).sum(axis=1))
+
+    still = np.zeros((time.size, s.n))
+    late_one = replace(
+        s,
+        time=time,
+        position=still,
+        velocity=still,
+        acceleration=still,
+        drive=still,
+        effort=given_at(time),
+        effort_source="motor" if name == "drive" else "joint_sensor",
+    )
+    found = clock.regressor(Site(late_one, "log", "timing"), name, {"apart": 2.0})
+    assert found is not None
+    changed = sign * (given_at((time - late) / (1.0 + drift)) - given_at(time))
+    columns = found.columns[50:-50].reshape(-1, 2)
+    numbers, *_ = np.linalg.lstsq(columns, changed[50:-50].ravel(), rcond=None)
+    values = clock.values(numbers, {"apart": 2.0}, Site(late_one, "log", "timing"))
+    assert values["ppm"] == pytest.approx(1e6 * drift, rel=0.05, abs=30.0)
+    assert values["T"] == pytest.approx(late, rel=0.05, abs=3e-4)
+    again, shape = clock.coefficients(values, Site(late_one, "log", "timing"))
+    np.testing.assert_allclose(again, numbers)
+    assert shape == {"apart": 2.0}
 
 
 def test_schema_and_docs_are_in_step_with_the_catalogue() -> None:
