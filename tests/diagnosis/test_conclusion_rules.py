@@ -41,7 +41,7 @@ def cause(weight: float, *equivalent: Rival, effect: str = "viscous_friction", j
     ],
 )
 def test_the_verdict_follows_from_causes_rivals_and_remainder(causes, explained, near, verdict) -> None:
-    assert conclusion._verdict(causes, Remainder(1.0, explained, ""), near=near) == verdict
+    assert conclusion.verdict_of(causes, Remainder(1.0, explained, ""), near=near) == verdict
 
 
 @pytest.mark.parametrize(

@@ -26,8 +26,9 @@ from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.diagnosis.result import Cause, Diagnosis, JointGap, Remainder, no_rollout
 from impedance_modules.effects.catalogue import CATALOGUE
 
-AMBIGUOUS_WEIGHT = 0.05
-"""Part of the gap that a cause must explain for its rivals to make the verdict ambiguous."""
+SHARE_THAT_MATTERS = 0.05
+"""Part of the gap that a cause must explain for its rivals to make the verdict ambiguous, and below which a cause, or
+what is left, is minor beside the others if it is within the tolerance, too."""
 
 EXPLAINED_MIN, WEAK_FLOOR_LIMIT = 0.5, 6.0
 """Where a remainder is left, the verdict is ambiguous only if the causes explain the first part of the gap, and the
@@ -47,7 +48,7 @@ def conclude(
     remainder = _remainder(lack, evidence, model)
     logs = evidence.prepared
     return Diagnosis(
-        verdict=_verdict(causes, remainder, near=_power_passes(lack, weak=evidence.floor.weak)),
+        verdict=verdict_of(causes, remainder, near=_power_passes(lack, weak=evidence.floor.weak)),
         robot=model.robot,
         episodes=tuple(item.log.name for item in logs),
         heldout=tuple(logs[index].log.name for index in evidence.heldout),
@@ -161,11 +162,18 @@ def _asked(causes: Sequence[Cause], report: DataReport, model: NominalModel) -> 
     return {"purpose": "none needed", "joints": [], "excitation": ""}
 
 
-def _verdict(causes: Sequence[Cause], remainder: Remainder, *, near: bool) -> str:
+def verdict_of(causes: Sequence[Cause], remainder: Remainder, *, near: bool) -> str:
+    """Says what follows from causes and remainder.
+
+    Args:
+        causes: Those that are named.
+        remainder: What they leave.
+        near: Whether it is no more than noise by its power, whatever structure it has.
+    """
     if not causes:
         return "no_gap" if remainder.explained else "unexplained"
     known = remainder.explained or (near and sum(cause.weight for cause in causes) >= EXPLAINED_MIN)
-    if known and any(cause.equivalent and cause.weight >= AMBIGUOUS_WEIGHT for cause in causes):
+    if known and any(cause.equivalent and cause.weight >= SHARE_THAT_MATTERS for cause in causes):
         return "ambiguous"
     return "explained" if remainder.explained else "partly_explained"
 

@@ -19,10 +19,11 @@ from dataclasses import replace
 import numpy as np
 
 from impedance_modules.arrays import Array
+from impedance_modules.diagnosis.model_selection.conclusion import SHARE_THAT_MATTERS, verdict_of
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.regression.candidates import Group
 from impedance_modules.diagnosis.residuals.preparation import Prepared
-from impedance_modules.diagnosis.result import Cause, Diagnosis, Rollout
+from impedance_modules.diagnosis.result import Cause, Diagnosis, Remainder, Rollout
 
 CHANGED = 1.21
 """Power of the simulated motion's error without a cause over that with it, from which the cause changes the motion."""
@@ -32,7 +33,10 @@ DRIFT = 1.5
 
 
 def set_small_aside(found: Diagnosis, evidence: Evidence, tolerance: float) -> Diagnosis:
-    """Calls a gap none if nothing of it matters: its causes are listed as small, and what remains passes.
+    """Lists as small what does not matter: all of a gap, or minor causes and a remainder beside the others.
+
+    Beside a cause that matters, another is minor only if it also explains little of the gap, and a remainder is small
+    only if little of the gap is left: a gap that is half explained is not explained, however small it is.
 
     Args:
         found: With its rollouts.
@@ -43,14 +47,29 @@ def set_small_aside(found: Diagnosis, evidence: Evidence, tolerance: float) -> D
     if tolerance == 0.0 or found.verdict == "no_gap":
         return found
     limits = tolerance * ranges(evidence.prepared, evidence.design.groups)
-    left = beside_noise(evidence)
-    if not all(is_small(cause, evidence, limits) for cause in found.causes):
+    small = [cause for cause in found.causes if is_small(cause, evidence, limits)]
+    passes = found.remainder.explained or (
+        bool(np.all(beside_noise(evidence) <= limits)) and _moves_alike(found)
+    )
+    if len(small) == len(found.causes):
+        return _without_gap(found) if passes else found
+    minor = tuple(cause for cause in small if cause.weight < SHARE_THAT_MATTERS)
+    kept = tuple(cause for cause in found.causes if cause not in minor)
+    unexplained = found.unexplained_weight + sum(cause.weight for cause in minor)
+    found = replace(found, causes=kept, small=minor, unexplained_weight=unexplained)
+    if found.remainder.explained or not passes or unexplained >= SHARE_THAT_MATTERS:
         return found
-    if not found.remainder.explained and not (np.all(left <= limits) and _moves_alike(found)):
-        return found
-    words = f"; within the tolerance of {100.0 * tolerance:.3g} % of each joint's torque range"
-    remainder = replace(found.remainder, explained=True, structure=found.remainder.structure + words)
-    return replace(found, verdict="no_gap", causes=(), small=found.causes, remainder=remainder)
+    remainder = _within(found)
+    return replace(found, remainder=remainder, verdict=verdict_of(kept, remainder, near=True))
+
+
+def _without_gap(found: Diagnosis) -> Diagnosis:
+    return replace(found, verdict="no_gap", causes=(), small=found.causes, remainder=_within(found))
+
+
+def _within(found: Diagnosis) -> Remainder:
+    words = f"; within the tolerance of {100.0 * found.tolerance:.3g} % of each joint's torque range"
+    return replace(found.remainder, explained=True, structure=found.remainder.structure + words)
 
 
 def _moves_alike(found: Diagnosis) -> bool:
