@@ -142,11 +142,15 @@ def spectrum(pieces: Sequence[Array]) -> tuple[Array, Array]:
 
 
 def _autoregression(pieces: Sequence[Array], edge: float) -> Array:
-    """Yule and Walker's equations, (ORDER + 1,), the noise continued beyond the band as it is near its end."""
+    """Yule and Walker's equations, (ORDER + 1,), the noise beyond the band no weaker than near its end.
+
+    It may be stronger: noise of positions, four times differentiated behind a spring, rises up to the band's filter.
+    """
     frequency, density = spectrum(pieces)
     near = (frequency > EDGE * edge) & (frequency <= FLAT * edge)
     if near.any():
-        density = np.where(frequency > FLAT * edge, np.mean(density[near]), density)
+        beyond = np.maximum(density, np.mean(density[near]))
+        density = np.where(frequency > FLAT * edge, beyond, density)
     covariance = np.fft.ifft(density).real[: ORDER + 1]
     if covariance[0] <= 0.0:
         return np.concatenate([[1.0], np.zeros(ORDER)])
