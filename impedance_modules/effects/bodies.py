@@ -110,6 +110,7 @@ class Payload(MassAtPoint):
         applied="Plant and model: the link's inertia. The robot's own gravity compensation does not know it.",
     )
     shape = CENTRE
+    of_accelerations = True
     compensation = "weight"
     compensated_at = ("link",)
     exported = (
@@ -203,6 +204,7 @@ class LinkInertia(Effect):
         reference="Gautier & Khalil 1990; Wensing, Kim & Slotine 2018",
         applied="Plant and model: the link's inertia, refused if what results is no physical body.",
     )
+    of_accelerations = True
     compensation = "weight"
     compensated_at = ("link",)
     exported = (

@@ -28,7 +28,6 @@ from impedance_modules.effects.compensation_builder import CompensationBuilder, 
 from impedance_modules.effects.effect_description import Description, Port
 from impedance_modules.effects.joint_motion import JointSample, Shape, regularisation_velocity
 from impedance_modules.effects.plant_builder import PlantBuilder
-from impedance_modules.effects.recorded_signals import DriveErrors, Signals
 from impedance_modules.effects.regressor import Bound, Regressor, Site, one_row
 from impedance_modules.effects.residual_kinds import COVERS, STAGE_OF_PORT, Residual, Stage
 from impedance_modules.effects.simulator_numbers import Exported
@@ -73,6 +72,7 @@ class Effect(ABC):
             says nothing about the robot.
         in_every_drive: One of the laws of one number that every gear and motor has: a model of bare links lacks all
             of them at once.
+        of_accelerations: Measured accelerations make its torque, and their noise.
         delays_torque: It delays the joint's torque; two such effects differ in the second order of their time only.
         shared_by_joints: One physical reason can give it to many joints at once: a delayed bus delays all commands.
         constant_part: Symbol of the parameter that is a constant torque wherever the joint moves [N.m]; None where
@@ -102,6 +102,7 @@ class Effect(ABC):
     contrasts: tuple[tuple[float, ...], ...] = ()
     bound_to_recording: bool = False
     in_every_drive: bool = False
+    of_accelerations: bool = False
     delays_torque: bool = False
     shared_by_joints: bool = False
     constant_part: str | None = None
@@ -141,23 +142,6 @@ class Effect(ABC):
         """Side of the joint on which it has the encoder sit at this port; None where it says nothing of it."""
         return None
 
-    def imitates_noise(self, port: Port, signals: Signals) -> bool:
-        """Says whether its columns differentiate positions more often than the residuals do.
-
-        Their noise is the residuals' own then, and larger: they can take noise away without any truth in them.
-        """
-        return False
-
-    def noise_column(self, site: Site, row: int, errors: DriveErrors) -> Array | None:
-        """Gives what errors of the positions add to its column (M,); None where that does not matter.
-
-        Args:
-            site: Where it is looked for, in one recording.
-            row: Index of the joint whose residual it enters.
-            errors: What such errors make of the drives' motion and load.
-        """
-        return None
-
     def computed_from_command(self, port: Port) -> bool:
         """Says whether its columns are made of what was asked for, which is known exactly as it was sent."""
         return False
@@ -183,7 +167,18 @@ class Effect(ABC):
 
     def regressor(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """Computes the columns in one residual; None where the effect cannot show or is not recorded."""
-        return self.in_residual(site, residual, shape) if self.shows(site.port, residual) else None
+        found = self.in_residual(site, residual, shape) if self.shows(site.port, residual) else None
+        if found is None or not self.bends_springs(site.port) or not COVERS[residual] >= {"actuator", "link"}:
+            return found
+        columns, fixed = (
+            site.signals.through_springs(part, found.rows, of_accelerations=self.of_accelerations)
+            for part in (found.columns, found.fixed)
+        )
+        return replace(found, columns=columns, fixed=fixed)
+
+    def bends_springs(self, port: Port) -> bool:
+        """Says whether its torque is the links': then the spring between motor and link carries it too."""
+        return self.stage(port) == "link"
 
     @abstractmethod
     def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:

@@ -31,7 +31,7 @@ from impedance_modules.effects.joint_motion import (
     sign,
 )
 from impedance_modules.effects.plant_builder import PlantBuilder
-from impedance_modules.effects.recorded_signals import DriveErrors, Signals
+from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.effects.regressor import Regressor, Site, all_rows, ends, one_row
 from impedance_modules.effects.residual_kinds import Residual, uses_motion
 from impedance_modules.effects.simulator_numbers import one_number
@@ -104,10 +104,6 @@ class ReflectedInertia(Effect):
         lowest = -float(signals.reflected_inertia[joint])
         return one_row(joint, signals.motor_acceleration[:, joint], lower=lowest)
 
-    def noise_column(self, site: Site, row: int, errors: DriveErrors) -> Array | None:
-        """The accelerations' noise: the residual has it with the opposite sign, which makes a rotor look lighter."""
-        return np.asarray(errors.acceleration[:, row])
-
     def coefficients(self, values: Values, site: Site) -> tuple[Array, dict[str, float]]:
         """Coefficient Ia - I_r."""
         return np.array([values["Ia"] - site.signals.reflected_inertia[site.joint]]), {}
@@ -169,7 +165,8 @@ class JointElasticity(Effect):
             return behind_encoder(signals, joint, signals.slow_load[:, joint], -nominal)
         if not may_sit_at(signals, joint, "link"):
             return None
-        column = cost_of_deflection(signals, joint, signals.load[:, joint], residual)
+        load = signals.load if signals.measures_springs else signals.slow_load
+        column = cost_of_deflection(signals, joint, load[:, joint], residual)
         if column is None:
             return None
         return one_row(joint, column, lower=-float(signals.spring_compliance[joint]))
@@ -181,19 +178,6 @@ class JointElasticity(Effect):
     def encoder_side(self, port: Port) -> EncoderSide | None:
         """At the sensor, the motor's."""
         return "motor" if port == "sensor" else "link"
-
-    def imitates_noise(self, port: Port, signals: Signals) -> bool:
-        """Where no sensor measures the torque that bends the spring, it is computed from accelerations.
-
-        Behind an encoder at the motor it is used only up to where its derivatives are no noise.
-        """
-        return port != "sensor" and not signals.measures_springs
-
-    def noise_column(self, site: Site, row: int, errors: DriveErrors) -> Array | None:
-        """Its load is computed from accelerations, also where a sensor reads it: that reading has noise of its own."""
-        if site.port == "sensor":
-            return None
-        return np.asarray(site.signals.reflected_inertia[row] * errors.load_curvature[:, row])
 
     def coefficients(self, values: Values, site: Site) -> tuple[Array, dict[str, float]]:
         """Coefficient 1/K - 1/K_nominal."""

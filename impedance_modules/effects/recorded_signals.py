@@ -7,6 +7,7 @@ differences of the eighth order, which bend nothing below a quarter of the sampl
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -44,17 +45,15 @@ def differentiate(values: Array, time: Array) -> Array:
     return plain
 
 
-@dataclass(frozen=True, eq=False)
-class DriveErrors:
-    """What errors of the positions make of the drives' columns, (M, n) each.
+def low_passed(values: Array, rate: float, cutoffs: Array) -> Array:
+    """Filters samples (N, k, ...) with zero phase, each of the k series below a frequency of its own (k,) [Hz]."""
+    from scipy.signal import butter, sosfiltfilt  # noqa: PLC0415 - a slow import that a run does without
 
-    Attributes:
-        acceleration: Of the motors [rad/s^2].
-        load_curvature: Second derivative of the torque that the links would need [N.m/s^2].
-    """
-
-    acceleration: Array
-    load_curvature: Array
+    out = np.empty_like(values)
+    for j, cutoff in enumerate(cutoffs):
+        band = butter(4, min(cutoff, 0.4 * rate), fs=rate, output="sos")
+        out[:, j] = sosfiltfilt(band, values[:, j], axis=0)
+    return out
 
 
 @dataclass(frozen=True)
@@ -153,16 +152,14 @@ class Signals:
     @cached_property
     def slow_load(self) -> Array:
         """The load (N, n) [N.m] as read, or the model's, up to where its second derivative becomes noise."""
-        loads = self.load if self.spring_reading is None else self.spring_reading
+        return self.slowly(self.load if self.spring_reading is None else self.spring_reading, range(self.n))
+
+    def slowly(self, loads: Array, joints: Sequence[int]) -> Array:
+        """Leaves of loads (N, k, ...) of some joints what is slow enough to be differentiated twice."""
         if self.deflection_cutoffs is None:
             return loads
-        from scipy.signal import butter, sosfiltfilt  # noqa: PLC0415 - a slow import that a run does without
-
         rate = (self.samples - 1) / (self.time[-1] - self.time[0])
-        bands = [
-            butter(4, min(cutoff, 0.4 * rate), fs=rate, output="sos") for cutoff in self.deflection_cutoffs
-        ]
-        return np.column_stack([sosfiltfilt(band, load) for band, load in zip(bands, loads.T, strict=True)])
+        return low_passed(loads, rate, self.deflection_cutoffs[list(joints)])
 
     @property
     def touch(self) -> Array:
@@ -173,8 +170,8 @@ class Signals:
 
     @cached_property
     def _deflection(self) -> Array:
-        """Theta - q by the nominal springs (N, n) [rad]."""
-        return self.load * self.spring_compliance
+        """Theta - q by the nominal springs (N, n) [rad]; of a load that accelerations make, what is no noise."""
+        return (self.load if self.measures_springs else self.slow_load) * self.spring_compliance
 
     def encoder(self, joint: int) -> EncoderSide | None:
         """Side on which a joint's position was measured; the link's of a stated spring of which no more is said."""
@@ -185,6 +182,30 @@ class Signals:
     def encoder_at_motor(self) -> NDArray[np.bool_]:
         """Which joints' encoders (n,) sit at their motors."""
         return np.array([self.encoder(joint) == "motor" for joint in range(self.n)], dtype=bool)
+
+    def through_springs(self, torque: Array, joints: Sequence[int], *, of_accelerations: bool) -> Array:
+        r"""Computes what torques of links (N, k, ...) cost their motors, behind springs that no sensor measures.
+
+            \tau + (I_r d^2/dt^2 + D d/dt) \tau / K
+
+        The model's own load bends the nominal springs; torque beyond it bends them further, and turns the rotors too.
+        A rotor whose own encoder is read moves as that says.
+
+        Args:
+            torque: [N.m].
+            joints: Its k joints.
+            of_accelerations: Measured accelerations make it: it bends springs as far as it is slow.
+        """
+        compliance = (self.spring_compliance * ~self.encoder_at_motor)[list(joints)]
+        if self.measures_springs or not compliance.any():
+            return torque
+        shape = (1, -1, *(1,) * (torque.ndim - 2))
+        bent = compliance.reshape(shape) * (self.slowly(torque, joints) if of_accelerations else torque)
+        inertia, damping = (part[list(joints)] for part in (self.reflected_inertia, self.motor_damping))
+        rate = self.rate_of(bent)
+        return np.asarray(
+            torque + inertia.reshape(shape) * self.rate_of(rate) + damping.reshape(shape) * rate
+        )
 
     @cached_property
     def encoder_position(self) -> Array:

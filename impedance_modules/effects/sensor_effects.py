@@ -182,6 +182,10 @@ class EncoderOffset(Stepped):
         """Wherever the links' model is evaluated."""
         return uses_motion(residual)
 
+    def bends_springs(self, port: Port) -> bool:
+        """The links' torque is another than their reported places say."""
+        return True
+
     def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """Linearises the inverse dynamics about the angle less the shape's offset, on all joints."""
         signals = site.signals

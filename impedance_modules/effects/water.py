@@ -140,6 +140,7 @@ class AddedMass(WaterAtPoint):
         reference="Kirchhoff 1869; Lamb, Hydrodynamics, 1932, ch. 6; Fossen 2011",
         applied="The plant: the link's inertia in the articulated-body algorithm. The model does not know it.",
     )
+    of_accelerations = True
     sizes = (*MASSES, *INERTIAS)
     none = "takes no water along in any direction"
 

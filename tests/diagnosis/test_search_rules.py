@@ -88,7 +88,6 @@ def test_a_push_that_explains_less_than_the_first_causes_was_none(searched) -> N
 def regressor(**more: object) -> SimpleNamespace:
     effect = SimpleNamespace(
         proportional_to_command=lambda port: port == "timing",
-        imitates_noise=lambda port, signals: signals == "no sensor",
     )
     given = {
         "shape": {},
@@ -109,8 +108,7 @@ def test_the_flexible_model_uses_simple_candidates_of_one_joint() -> None:
         regressor(candidate=command),
     ]
     offered = [*others[:2], *simple, *others[2:]]
-    assert cause_search._simple_candidates(offered, "joint sensor") == simple
-    assert cause_search._simple_candidates(offered, "no sensor") == [simple[2]]
+    assert cause_search._simple_candidates(offered) == simple
 
 
 @pytest.mark.parametrize(

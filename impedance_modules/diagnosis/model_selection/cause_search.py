@@ -120,9 +120,7 @@ def _selector(
     nuisance = build_nuisance(prepared, model.tree.inertia)
     raw = [[item.residuals[name][:, joint] for name, joint in nuisance.groups] for item in prepared]
     mask = rows_of_link_residuals(contact_free_rows(prepared), nuisance.groups)
-    floor = _floor(
-        raw, prepared, nuisance, [*generic, *_simple_candidates(regressors, signals[0])], split.fitted, mask
-    )
+    floor = _floor(raw, prepared, nuisance, [*generic, *_simple_candidates(regressors)], split.fitted, mask)
     rate = prepared[0].band.rate / prepared[0].band.step
     names = [item.log.name for item in prepared]
     design = build_design([*regressors, *generic], nuisance, raw, floor, names=names, rate=rate)
@@ -253,9 +251,7 @@ def _floor(
     return noise_by_smoothness(left, prepared, nuisance, flexible, fitted, mask)
 
 
-def _simple_candidates(
-    regressors: Sequence[CandidateRegressor], signals: Signals
-) -> list[CandidateRegressor]:
+def _simple_candidates(regressors: Sequence[CandidateRegressor]) -> list[CandidateRegressor]:
     """Candidates of one joint in one shape, which the flexible model uses beside smooth functions."""
     return [
         regressor
@@ -264,13 +260,7 @@ def _simple_candidates(
         and regressor.width <= 3
         and len(regressor.blocks[0]) == 1
         and not _in_proportion(regressor)
-        and not _imitates_noise(regressor, signals)
     ]
-
-
-def _imitates_noise(regressor: CandidateRegressor, signals: Signals) -> bool:
-    one = regressor.candidate
-    return one is not None and one.effect.imitates_noise(one.port, signals)
 
 
 def _in_proportion(regressor: CandidateRegressor) -> bool:

@@ -1,23 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""Plausibility: reasons in a candidate's own numbers to reject it, however well it fits.
-
-One of them is that its torque does not come back when the motion is repeated, and is a response to noise:
-
-    \rho = \sum_{pairs} x_i \cdot x_j / \sum_{pairs} |x_i| |x_j|,      x what the candidate explains, whitened
-
-In slow motion accelerations are mostly noise of the velocity's reading that went through the controller's damping; an
-inertia or a lag fitted to them follows the very noise that the residual holds. Repeats tell: their noise differs.
-
-Without repeats, a column of accelerations, or of their second derivatives, holds the noise of the positions, and so
-does the residual. Least squares then find a coefficient without any cause (errors in variables: a rotor that looks
-lighter, a joint that looks elastic), which follows from the noise of the positions alone:
-
-    b_n = \sum x_n \cdot y_n / \sum |x|^2,      x_n, y_n what that noise makes of column and residual
-"""
+r"""Plausibility: reasons in a candidate's own numbers to reject it, however well it fits."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,9 +12,9 @@ from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.rigid_tree import can_exist
 from impedance_modules.diagnosis.model_selection.acceptance import joints_disagree
 from impedance_modules.diagnosis.model_selection.candidate_trial import CandidateTrial
-from impedance_modules.diagnosis.regression.model_fit import ModelTerm
+from impedance_modules.diagnosis.model_selection.instruments import SLOW, comes_back, holds_when_slow
+from impedance_modules.diagnosis.regression.model_fit import PRIOR_MAX, ModelTerm
 from impedance_modules.diagnosis.regression.noise_floor import repeat_pairs
-from impedance_modules.diagnosis.regression.sensor_noise import made_by_positions
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.effects.effect import JointLaw
 from impedance_modules.effects.recorded_signals import Signals
@@ -43,12 +29,6 @@ FAR = 1.5
 CANCELLED_MAX = 0.5
 """Part of one constant torque that another on the same joint may cancel."""
 
-RESOLVED = 3.5
-"""Standard deviations by which a coefficient must differ from what the positions' noise makes of it."""
-
-REPEATED_MIN = 0.5
-"""Least correlation: from there on more than half of a candidate's power belongs to the motion."""
-
 
 @dataclass(frozen=True, eq=False)
 class Plausibility:
@@ -60,7 +40,7 @@ class Plausibility:
         reach: Farthest place of a load on a link [m].
         pairs: Recordings that repeat each other.
         resolution: Grid of the position sensors [rad]; zero where nothing is stated.
-        prepared: The recordings.
+        slow: Frequency up to which a motion is slow [cycles per row].
     """
 
     signals: Signals
@@ -68,12 +48,13 @@ class Plausibility:
     reach: float
     pairs: Sequence[tuple[int, int]]
     resolution: float
-    prepared: Sequence[Prepared] = ()
+    slow: float
 
     @classmethod
     def of(cls, prepared: Sequence[Prepared], fitted: Sequence[int], resolution: float) -> Plausibility:
         """Reads it off recordings, of which some are fitted."""
         bodies = prepared[0].tree.bodies
+        band = prepared[0].band
         longest = max(float(np.linalg.norm(body.translation)) for body in bodies)
         return cls(
             signals=prepared[0].signals,
@@ -81,36 +62,47 @@ class Plausibility:
             reach=FAR * longest or float("inf"),
             pairs=repeat_pairs(prepared, fitted),
             resolution=resolution,
-            prepared=prepared,
+            slow=SLOW * band.cutoff * band.step / band.rate,
         )
 
     def implausible(self, trial: CandidateTrial) -> str | None:
         """Why a trial's own numbers reject it."""
         if trial.in_sample.contrast_chi_square < CONTRAST_MIN:
             return "what makes it this effect rather than a simpler one is not there for certain"
-        candidate = trial.term.candidate
-        if not self.pairs and candidate.effect.imitates_noise(candidate.port, self.signals):
-            return "only a motion that is repeated tells it from the positions' noise, which it contains"
-        made = None if self.pairs else made_by_noise(trial, self.prepared)
-        if (
-            made is not None
-            and abs(float(trial.in_sample.own[0]) - made) < RESOLVED * trial.in_sample.spread[0]
-        ):
-            return "the positions' noise alone makes as much of it, in column and residual alike"
         return self.unphysical(trial)
 
     def unphysical(self, trial: CandidateTrial) -> str | None:
         """Why a trial's numbers cannot be: too fine to be seen, against each other, no body's, or beyond bounds."""
-        if any(_contains_law(other, trial.term) for other in trial.model_fit.model):
-            return "another cause on the same joint contains it"
-        if not comes_back(trial, self.pairs):
-            return (
-                "what it rests on does not come back when the motion does: noise, and the arm's answer to it"
-            )
-        if _constant_parts_cancel(trial, self.signals):
-            return "an offset and an asymmetry on one joint take each other back wherever it moves"
-        if trial.outside or joints_disagree(trial):
-            return "its parameters are at the end of what is physical, or beyond"
+        checks: tuple[tuple[Callable[[], bool], str], ...] = (
+            (
+                lambda: any(_contains_law(other, trial.term) for other in trial.model_fit.model),
+                "another cause on the same joint contains it",
+            ),
+            (
+                lambda: not comes_back(trial, self.pairs),
+                "what it explains does not come back when the motion does: noise, and the arm's answer to it",
+            ),
+            (
+                lambda: not holds_when_slow(trial, self.slow),
+                "what it explains is fast noise, of which its column has its part: the slow motion does not show it",
+            ),
+            (
+                lambda: _moves_nuisance(trial),
+                "beside it links, weights or stamps would be further off than anything stated allows",
+            ),
+            (
+                lambda: _constant_parts_cancel(trial, self.signals),
+                "an offset and an asymmetry on one joint take each other back wherever it moves",
+            ),
+            (
+                lambda: trial.outside or joints_disagree(trial),
+                "its parameters are at the end of what is physical, or beyond",
+            ),
+        )
+        return next((reason for holds, reason in checks if holds()), None) or self._of_numbers(trial)
+
+    def _of_numbers(self, trial: CandidateTrial) -> str | None:
+        """What its numbers say against it in their own units."""
         term, effect = trial.term, trial.term.candidate.effect
         body = self.bodies.get(term.candidate.key)
         change = trial.coefficients.mean(axis=0) / term.layout.scale
@@ -128,49 +120,14 @@ class Plausibility:
         return trial.term.candidate.key in self.bodies
 
 
-def made_by_noise(trial: CandidateTrial, prepared: Sequence[Prepared]) -> float | None:
-    """Gives the scaled coefficient that the positions' noise makes by itself; None where the column is not its own."""
-    term, design = trial.term, trial.model_fit.design
-    effect, scale = term.candidate.effect, float(term.layout.scale[0])
-    both = power = 0.0
-    for r, item in enumerate(prepared):
-        if r not in trial.model_fit.fitted:
-            continue
-        errors = made_by_positions(item, r)
-        for g in term.groups:
-            residual, joint = design.groups[g]
-            column = effect.noise_column(term.candidate.site(item.signals), joint, errors.drive)
-            if column is None:
-                return None
-            both += float(
-                design.whitening.apply(column / scale, r, g)
-                @ design.whitening.apply(errors.of((residual, joint)), r, g)
-            )
-            power += float(np.sum(term.columns[r][g][:, 0] ** 2))
-    return both / power if power > 0.0 else None
+def _moves_nuisance(trial: CandidateTrial) -> bool:
+    """Whether beside a candidate something with a prior is surely further out than its prior allows.
 
-
-def comes_back(trial: CandidateTrial, pairs: Sequence[tuple[int, int]]) -> bool:
-    """Whether a candidate's torque comes back in recordings of one motion, or need not.
-
-    It need not where none was repeated, or where the command makes it.
-
-    Args:
-        trial: The candidate.
-        pairs: Recordings that repeat each other.
+    A gain and links that are lighter by as much take all torque away, the noise first.
     """
-    candidate = trial.term.candidate
-    if candidate.effect.computed_from_command(candidate.port):
-        return True  # the command is known exactly as it was sent, its noise included
-    shared, whole = 0.0, 0.0
-    for i, j in pairs:
-        one, other = _torque(trial, i), _torque(trial, j)
-        for group in one.keys() & other.keys():
-            size = min(len(one[group]), len(other[group]))
-            first, second = one[group][:size], other[group][:size]
-            shared += float(first @ second)
-            whole += float(np.linalg.norm(first) * np.linalg.norm(second))
-    return whole <= 0.0 or shared >= REPEATED_MIN * whole
+    size = trial.model_fit.design.nuisance.size
+    spread = np.sqrt(np.diag(trial.model_fit.whole.inverse)[:size])
+    return bool(np.any(np.abs(trial.in_sample.beside[:size]) - PRIOR_MAX > spread))
 
 
 def _contains_law(one: ModelTerm, other: ModelTerm) -> bool:
@@ -203,13 +160,3 @@ def _constant_parts_cancel(trial: CandidateTrial, signals: Signals) -> bool:
         if abs(sum(sizes)) < CANCELLED_MAX * max(map(abs, sizes)):
             return True
     return False
-
-
-def _torque(trial: CandidateTrial, recording: int) -> dict[int, Array]:
-    """Group -> (M,) what a candidate explains of a recording, whitened."""
-    term, own = trial.term, trial.in_sample.own
-    fixed = term.fixed[recording]
-    return {
-        group: np.asarray(block @ own + fixed[group] if group in fixed else block @ own)
-        for group, block in term.columns[recording].items()
-    }

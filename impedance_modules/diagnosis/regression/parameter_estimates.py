@@ -179,7 +179,8 @@ class ShapeRefiner:
         limited = {symbol: value + part * (limited[symbol] - value) for symbol, value in shape.items()}
         if all(abs(limited[s] - shape[s]) <= 1e-4 * max(abs(shape[s]), 1e-4) for s in shape):
             return None
-        return self.term(candidate, limited)
+        # A direction that the motion does not show stays one, however little the new shape shows of it.
+        return self.term(candidate, limited, term.layout if term.layout.unseen.any() else None)
 
     def _newton(self, model_fit: ModelFit, term: ModelTerm, coefficients: Array) -> dict[str, float]:
         """Solves for coefficients and shape together, linearised."""

@@ -32,7 +32,7 @@ from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.rigid_dynamics import mass_matrix
 from impedance_modules.diagnosis.regression.candidates import Group
 from impedance_modules.diagnosis.residuals.preparation import Prepared
-from impedance_modules.effects.recorded_signals import DriveErrors, differentiate
+from impedance_modules.effects.recorded_signals import differentiate, low_passed
 from impedance_modules.effects.residual_kinds import COVERS, EFFORT_SIGN, uses_motion
 
 LACKING = 0.5
@@ -62,7 +62,6 @@ class Rounding:
         snap: (M, n) second derivative of the acceleration in the band [rad/s^4].
         torque: (M, n) what the links would need for that acceleration [N.m].
         rotor: (M, n) what the rotors would [N.m].
-        drive: Of the drives' columns: the motors' acceleration, and the second derivative of ``torque``.
     """
 
     acceleration: Array
@@ -70,7 +69,6 @@ class Rounding:
     snap: Array
     torque: Array
     rotor: Array
-    drive: DriveErrors
 
     @property
     def power(self) -> Array:
@@ -218,12 +216,15 @@ def _torques(item: Prepared, speed: Array, acceleration: Array, snap: Array) -> 
     """What links and rotors would need; M(q) changes little while noise does."""
     mass, signals = mass_matrix(item.tree, item.position), item.signals
     curvature = np.einsum("mij,mj->mi", mass, snap)
+    if not signals.measures_springs and signals.deflection_cutoffs is not None:
+        # As far as the load that bends a spring is differentiated.
+        curvature = low_passed(curvature, item.band.rate / item.band.step, signals.deflection_cutoffs)
     twist = 0.0 if signals.measures_springs else signals.spring_compliance * curvature
     links = acceleration - twist * signals.encoder_at_motor
     torque = np.einsum("mij,mj->mi", mass, links)
     turning = links + twist
     rotor = signals.reflected_inertia * turning
-    return Rounding(acceleration, speed, snap, torque, rotor, DriveErrors(turning, curvature))
+    return Rounding(acceleration, speed, snap, torque, rotor)
 
 
 def _sensor_noise_ratio(prepared: Sequence[Prepared], pairs: Sequence[tuple[int, int]]) -> Array:

@@ -127,7 +127,9 @@ def prepare(
         band=band,
         signals=signals,
         residuals=residuals,
-        link_nuisance=band.condense(regressor),
+        link_nuisance=band.condense(
+            signals.through_springs(regressor, range(signals.n), of_accelerations=True)
+        ),
         weight_nuisance=band.condense(weight),
         timing_nuisance=band.condense(
             signals.rate_of(signals.drive if signals.drive is not None else 0.0 * q)

@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Errors in variables: what a column and its residual share of one noise is no cause, what the motion makes is."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from impedance_modules.diagnosis.model_selection.instruments import (
+    below,
+    beyond_model,
+    comes_back,
+    holds_when_slow,
+)
+from impedance_modules.effects.catalogue import CATALOGUE
+
+SAMPLES, SLOW = 1500, 0.1
+MOTION = np.cumsum(np.sin(np.arange(SAMPLES) / 9.0)) / 9.0
+
+
+def fast_noise(random: np.random.Generator) -> np.ndarray:
+    """Noise of positions, twice differentiated, of unit power: it grows with the square of the frequency."""
+    noise = np.gradient(np.gradient(random.standard_normal(SAMPLES)))
+    return noise / noise.std()
+
+
+def trial(*recordings: tuple[np.ndarray, np.ndarray], key: str = "viscous_friction", port: str = "link"):
+    """One column fitted to one residual per recording, beside a model that has nothing."""
+    columns = [{0: x[:, None]} for x, _ in recordings]
+    left = [[y] for _, y in recordings]
+    both = sum(float(x @ y) for x, y in recordings)
+    own = np.array([both / sum(float(x @ x) for x, _ in recordings)])
+    model_fit = SimpleNamespace(
+        fitted=range(len(recordings)),
+        weights=np.ones(1),
+        ids=[np.zeros(0, dtype=int)],
+        rows=[[np.zeros((len(x), 0))] for x, _ in recordings],
+        whole=SimpleNamespace(coefficients=np.zeros(0)),
+        residuals=lambda coefficients, r: left[r],
+    )
+    candidate = SimpleNamespace(effect=CATALOGUE[key], port=port)
+    term = SimpleNamespace(columns=columns, fixed=[{}] * len(columns), candidate=candidate)
+    return SimpleNamespace(
+        term=term, model_fit=model_fit, in_sample=SimpleNamespace(own=own, beside=np.zeros(0))
+    )
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(-3.0, 3.0).filter(lambda c: abs(c) > 0.3), st.floats(0.0, 1.0))
+@settings(max_examples=40)
+def test_what_the_motion_makes_is_confirmed(seed: int, size: float, noise: float) -> None:
+    random = np.random.default_rng(seed)
+    pair = [(MOTION, size * MOTION + noise * random.standard_normal(SAMPLES)) for _ in range(2)]
+    assert comes_back(trial(*pair), [(1, 0)]) and holds_when_slow(trial(*pair), SLOW)
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(0.3, 1.0))
+@settings(max_examples=40)
+def test_what_column_and_residual_share_of_one_noise_is_not(seed: int, share: float) -> None:
+    """The column is mostly motion, the residual has none of it: the same accelerations' noise is in both."""
+    random = np.random.default_rng(seed)
+    shared = [fast_noise(random) for _ in range(2)]
+    fitted = trial(*((3.0 * MOTION + share * noise, -noise) for noise in shared))
+    assert fitted.in_sample.own[0] < 0.0
+    assert not comes_back(fitted, [(1, 0)]) and not holds_when_slow(fitted, SLOW)
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=20)
+def test_what_is_fast_by_itself_is_left_to_repeats(seed: int) -> None:
+    """Ripple of a fast joint: its slow part is next to nothing and says nothing."""
+    random = np.random.default_rng(seed)
+    ripple = np.sin(2.0 * np.arange(SAMPLES))
+    pair = [(ripple, 0.5 * ripple + 0.3 * random.standard_normal(SAMPLES)) for _ in range(2)]
+    assert holds_when_slow(trial(*pair), SLOW) and comes_back(trial(*pair), [(1, 0)])
+
+
+def test_repeats_of_unequal_length_are_compared_where_both_are() -> None:
+    short = MOTION[:900]
+    assert comes_back(trial((MOTION, MOTION), (short, short)), [(1, 0)])
+    other = np.random.default_rng(1).standard_normal(900)
+    assert not comes_back(trial((MOTION, other.repeat(2)[:SAMPLES]), (other, MOTION[:900])), [(1, 0)])
+
+
+@pytest.mark.parametrize("pairs", [[], [(1, 0)]])
+def test_nothing_speaks_against_a_cause_that_nothing_shows(pairs: list[tuple[int, int]]) -> None:
+    zero = np.zeros(50)
+    nothing = trial((zero + 1e-30, zero), (zero + 1e-30, zero))
+    assert comes_back(nothing, pairs) and holds_when_slow(nothing, SLOW)
+
+
+@pytest.mark.parametrize(
+    ("key", "port", "free"),
+    [
+        ("command_delay", "timing", True),
+        ("torque_gain", "actuator", True),
+        ("torque_gain", "sensor", False),
+        ("viscous_friction", "link", False),
+    ],
+)
+def test_what_follows_the_command_may_follow_its_noise(key: str, port: str, free: bool) -> None:
+    one, other = np.random.default_rng(3).standard_normal((2, 800))
+    assert comes_back(trial((one, one), (other, other), key=key, port=port), [(1, 0)]) is free
+
+
+def test_a_part_that_the_model_makes_too_counts_for_nothing() -> None:
+    one = trial((MOTION, MOTION))
+    one.model_fit.ids = [np.zeros(1, dtype=int)]
+    one.model_fit.rows = [[0.25 * MOTION[:, None]]]
+    one.model_fit.whole.coefficients, one.in_sample.beside = np.array([3.0]), np.array([1.0])
+    x, y = beyond_model(one, 0)[0]
+    np.testing.assert_allclose(x, MOTION - 0.5 * MOTION)
+    np.testing.assert_allclose(y, MOTION)
+
+
+def test_below_keeps_slow_samples_and_takes_fast_ones() -> None:
+    t = np.arange(2000)
+    slow, fast = np.sin(2.0 * np.pi * 0.02 * t), np.sin(2.0 * np.pi * 0.3 * t)
+    np.testing.assert_allclose(below(slow + fast, 0.1), slow, atol=1e-9)
