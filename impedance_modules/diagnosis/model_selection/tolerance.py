@@ -57,7 +57,8 @@ def set_small_aside(found: Diagnosis, evidence: Evidence, tolerance: float) -> D
     kept = tuple(cause for cause in found.causes if cause not in minor)
     unexplained = found.unexplained_weight + sum(cause.weight for cause in minor)
     found = replace(found, causes=kept, small=minor, unexplained_weight=unexplained)
-    if found.remainder.explained or not passes or unexplained >= SHARE_THAT_MATTERS:
+    half = unexplained >= SHARE_THAT_MATTERS and found.remainder.residuals != {"velocity"}
+    if found.remainder.explained or not passes or half:
         return found
     remainder = _within(found)
     return replace(found, remainder=remainder, verdict=verdict_of(kept, remainder, near=True))
