@@ -217,7 +217,8 @@ def plant_input(prepared: Prepared, drive: str, perturbed: PerturbedPlant) -> Pl
     if effort is not None and log.effort_source == "joint_sensor":
         sprung = effort
     else:
-        sprung = s.model.torque(s.position, s.velocity, s.acceleration)[:, order]
+        # Its rate sets the motors' speeds: noise of positions, three times differentiated, would throw them off.
+        sprung = s.slow_load[:, order]
     compliance, gap = _leads(perturbed)
     lead = compliance * sprung + 0.5 * gap * np.sign(sprung)
     load_rate = np.gradient(sprung, 1.0 / log.rate, axis=0)
