@@ -75,18 +75,15 @@ class ProbabilityLaw:
 
 
 LAW = ProbabilityLaw(
-    base=-1.905,
+    base=-5.751,
     coefficients={
-        "gain": 0.723,
-        "lead": 0.358,
-        "weight": 1.165,
-        "deviations": 0.556,
-        "lack_of_fit": -1.303,
-        "motion": 1.458,
-        "no_repeats": -0.630,
-        "others": -0.908,
+        "gain": 1.672,
+        "lead": 0.201,
+        "deviations": 1.345,
+        "unexplained": -0.886,
+        "motion": 1.598,
     },
-    alternative=0.638,
+    alternative=0.172,
 )
 """Fitted, and printed, by `python -m benchmarks.wide calibrate OUT`; docs/wide-benchmark.md says to how many causes."""
 
