@@ -30,8 +30,11 @@ ONE_MAX = 300.0
 SHARE_MIN = 30.0
 """Seconds that each contributes at least, however many there are."""
 
-SEGMENT = 60.0
-"""Length of the segments of a long recording [s]."""
+JOINTS = 7
+"""Joints up to which that holds; of twice as many a fourth: candidates are pairs of joints, too."""
+
+SEGMENT, SHORT_SEGMENT = 60.0, 20.0
+"""Length of the segments of a long recording, and of those of which there are three where fewer would be used [s]."""
 
 SAMPLES_READ = 40_000
 """Samples of a recording that are read to choose its segments."""
@@ -82,7 +85,8 @@ def read_recordings(paths: Sequence[Path]) -> list[list[Episode]]:
         known = next(
             (plan for plan in plans if plan.every == every and _same_motion(plan.coarse, coarse)), None
         )
-        rows = known.rows if known else _choose(coarse, every, share)
+        less = min(1.0, JOINTS / max(len(coarse.joints), 1)) ** 2
+        rows = known.rows if known else _choose(coarse, every, max(SHARE_MIN, less * share))
         plans.append(_Plan(coarse, every, rows))
     return [_read(path, plan) for path, plan in zip(paths, plans, strict=True)]
 
@@ -116,8 +120,8 @@ def _choose(coarse: Episode, every: int, share: float) -> tuple[tuple[int, int],
     seconds = float(time[-1] - time[0]) if len(time) > 1 else 0.0
     if seconds <= share or np.any(np.diff(time) <= 0.0) or len(time) * every < RATE_MIN_SEGMENTED * seconds:
         return ()  # short enough; or of a disordered time, or a slow rate, which are refused later
-    count = max(1, int(share / SEGMENT))
-    length = min(SEGMENT, share)
+    count = max(1, int(share / SEGMENT), min(3, int(share / SHORT_SEGMENT)))
+    length = min(SEGMENT, share / count)
     moved = np.abs(np.diff(coarse.matrix("position"), axis=0))
     whole = moved.sum(axis=0)
     travel = np.concatenate([[0.0], np.cumsum((moved / np.where(whole > 0.0, whole, np.inf)).sum(axis=1))])

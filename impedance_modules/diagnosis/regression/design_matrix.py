@@ -108,7 +108,7 @@ def build_design(
     """Whitens everything and puts the candidates' columns side by side.
 
     Args:
-        regressors: Candidates, all shapes, on all recordings.
+        regressors: Candidates, all shapes, on all recordings; their columns are taken away, recording by recording.
         nuisance: What may be wrong everywhere.
         raw: Recording -> group -> (M,) residuals.
         whitening: Of the noise.
@@ -116,6 +116,17 @@ def build_design(
         rate: Of the rows [Hz].
     """
     layouts, members = layouts_of(regressors, nuisance)
+    beside = []
+    for r, residuals in enumerate(raw):
+        parts = [[(regressors[i], layouts[i]) for i in inside] for inside in members]
+        beside.append(
+            tuple(
+                _beside(part, (r, g), nuisance.groups[g], whitening, len(residuals[g]))
+                for g, part in enumerate(parts)
+            )
+        )
+        for regressor in regressors:
+            regressor.blocks[r] = {}  # it stands in the design now, and would take its memory twice
     return Design(
         groups=nuisance.groups,
         names=tuple(names),
@@ -124,19 +135,7 @@ def build_design(
         raw=tuple(tuple(recording) for recording in raw),
         y=whitened(raw, whitening),
         Z=whitened(nuisance.columns, whitening),
-        X=tuple(
-            tuple(
-                _beside(
-                    [(regressors[i], layouts[i]) for i in inside],
-                    (r, g),
-                    nuisance.groups[g],
-                    whitening,
-                    len(raw[r][g]),
-                )
-                for g, inside in enumerate(members)
-            )
-            for r in range(len(raw))
-        ),
+        X=tuple(beside),
         layouts=tuple(layouts.values()),
         rate=rate,
     )
