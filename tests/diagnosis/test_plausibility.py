@@ -44,7 +44,7 @@ def trial(key: str = "elbow", change: np.ndarray | None = None, **more: object) 
         "model_fit": SimpleNamespace(
             model=(), starts=(), fitted=(),
             design=SimpleNamespace(groups=(("link", 0),), nuisance=SimpleNamespace(size=0)),
-            whole=SimpleNamespace(inverse=np.zeros((0, 0))),
+            whole=SimpleNamespace(inverse=np.zeros((0, 0)), coefficients=np.zeros(0)),
         ),
         "in_sample": SimpleNamespace(contrast_chi_square=np.inf, own=own, beside=np.zeros(3), spread=own),
     }  # fmt: skip
@@ -145,11 +145,16 @@ def test_a_cause_is_credited_with_what_it_explains_beyond_the_stronger_ones() ->
     assert [gain for _, gain in found] == pytest.approx([6.0, 1.5, 1e-12])
 
 
-@pytest.mark.parametrize(("deviation", "rejected"), [(3.4, False), (3.6, True), (-3.6, True)])
-def test_a_gain_that_needs_links_further_off_than_stated_is_none(deviation: float, rejected: bool) -> None:
-    """One nuisance, known to half a deviation of its prior, of which three are allowed."""
+@pytest.mark.parametrize(
+    ("before", "deviation", "rejected"),
+    [(0.0, 3.4, False), (0.0, 3.6, True), (0.0, -3.6, True), (-9.0, 9.4, False), (9.0, -9.6, True)],
+)
+def test_a_gain_that_needs_links_further_off_than_stated_is_none(
+    before: float, deviation: float, rejected: bool
+) -> None:
+    """One nuisance, known to half a deviation of its prior, of which three are allowed, or as many as before."""
     one = trial()
     one.in_sample.beside = np.array([deviation])
     one.model_fit.design.nuisance = SimpleNamespace(size=1)
-    one.model_fit.whole = SimpleNamespace(inverse=np.array([[0.25]]), coefficients=np.zeros(1))
+    one.model_fit.whole = SimpleNamespace(inverse=np.array([[0.25]]), coefficients=np.array([before]))
     assert ("links" in str(rules().unphysical(one))) is rejected

@@ -121,13 +121,15 @@ class Plausibility:
 
 
 def _moves_nuisance(trial: CandidateTrial) -> bool:
-    """Whether beside a candidate something with a prior is surely further out than its prior allows.
+    """Whether beside a candidate something with a prior is surely further out than its prior allows, and than before.
 
-    A gain and links that are lighter by as much take all torque away, the noise first.
+    A gain and links that are lighter by as much take all torque away, the noise first. Beside a gap that is very large
+    priors do not hold, and the first of several causes does not bring them back.
     """
     size = trial.model_fit.design.nuisance.size
     spread = np.sqrt(np.diag(trial.model_fit.whole.inverse)[:size])
-    return bool(np.any(np.abs(trial.in_sample.beside[:size]) - PRIOR_MAX > spread))
+    allowed = np.maximum(np.abs(trial.model_fit.whole.coefficients[:size]), PRIOR_MAX)
+    return bool(np.any(np.abs(trial.in_sample.beside[:size]) - allowed > spread))
 
 
 def _contains_law(one: ModelTerm, other: ModelTerm) -> bool:
