@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from benchmarks.backends.fr3_box import PATCH, BoxRun, is_like, run_on_arms, run_simulated
+from benchmarks.backends.fr3_box import PATCH, BoxRun, Pace, is_like, run_on_arms, run_simulated
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.runs.verify import verify
 from impedance_modules.spec.patch_file import read_patch
@@ -53,7 +53,7 @@ def test_mujoco_carries_the_box_as_the_plant_does(plant: BoxRun, tmp_path: Path)
 @needs_arms
 @pytest.mark.realtime
 def test_simulated_arms_carry_the_box_as_the_plant_does(plant: BoxRun, tmp_path: Path) -> None:
-    arms = run_on_arms(tmp_path, RATE, SLOWER)
+    arms = run_on_arms(tmp_path, RATE, Pace(SLOWER))
     assert arms.summary["ending"] == "done" and arms.episode.metadata["backend"] == "franka"
     assert is_like(plant, arms)
     assert verify(arms.episode, lambda _: None).samples == len(arms.episode)
