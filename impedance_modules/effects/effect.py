@@ -170,11 +170,9 @@ class Effect(ABC):
         found = self.in_residual(site, residual, shape) if self.shows(site.port, residual) else None
         if found is None or not self.bends_springs(site.port) or not COVERS[residual] >= {"actuator", "link"}:
             return found
-        columns, fixed = (
-            site.signals.through_springs(part, found.rows, of_accelerations=self.of_accelerations)
-            for part in (found.columns, found.fixed)
-        )
-        return replace(found, columns=columns, fixed=fixed)
+        whole = np.concatenate([found.columns, found.fixed[:, :, None]], axis=2)
+        felt = site.signals.through_springs(whole, found.rows, of_accelerations=self.of_accelerations)
+        return replace(found, columns=felt[:, :, :-1], fixed=felt[:, :, -1])
 
     def bends_springs(self, port: Port) -> bool:
         """Says whether its torque is the links': then the spring between motor and link carries it too."""

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.signal import firwin
 
 from impedance_modules.diagnosis.regression import noise_floor as judged
 from impedance_modules.diagnosis.regression.candidates import CandidateRegressor
@@ -17,7 +18,7 @@ from impedance_modules.diagnosis.regression.sensor_noise import (
     _sensor_noise_ratio,
     read_noise,
 )
-from impedance_modules.diagnosis.regression.whitening import ORDER, Whitening
+from impedance_modules.diagnosis.regression.whitening import ORDER, Whitening, spectrum, whitening_of
 
 GROUP = ("link", 0)
 SIZE = 0.3
@@ -160,3 +161,20 @@ def test_without_repeats_a_recording_with_more_inertia_has_more_noise(sensor: fl
     mean = np.sqrt(np.mean([np.mean(piece**2) for piece in pieces[:2]]))
     floor = 0.12 if sensor == 0.0 else 0.06  # a twentieth of the noise is always taken to be the sensor's
     assert mean * share[:, 0] == pytest.approx([np.std(piece) for piece in pieces], rel=floor)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_noise_that_rises_up_to_the_bands_filter_is_white_there_too(seed: int) -> None:
+    """Noise of positions, differentiated four times and cut off at the end of the band: an autoregression of
+    the fourth order follows it to a factor of three; continued as it is before the end, it stood out by four.
+    """
+    edge, random = 0.35, np.random.default_rng(seed)
+    taps = firwin(41, edge, fs=1.0, window=("kaiser", 4.0))
+    rising = [np.diff(random.standard_normal(1500), n=4) for _ in range(4)]
+    noise = [np.convolve(piece, taps, mode="valid") for piece in rising]
+    floor = whitening_of(
+        [noise], np.ones((1, 1)), edge=edge, lost=np.zeros(1), assumed=np.zeros(1), weak=False
+    )
+    frequency, density = spectrum([np.asarray(floor.apply(piece, 0, 0)) for piece in noise])
+    inside = density[frequency <= edge]
+    assert inside.max() < 3.0 * np.mean(inside)

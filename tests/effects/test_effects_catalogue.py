@@ -360,6 +360,39 @@ def test_a_map_is_changed_as_the_patch_says_and_a_surface_too_many_is_refused() 
         apply_to_surfaces((), patch_with(wrong[0]))
 
 
+def at_rest(signals: Signals, time: np.ndarray, **channels: object) -> Signals:
+    """The recording of an arm that stands still at 0, with other channels."""
+    still = np.zeros((time.size, signals.n))
+    return replace(signals, time=time, position=still, velocity=still, acceleration=still, **channels)
+
+
+@given(st.floats(0.3, 3.0), st.floats(50.0, 5000.0), st.booleans())
+@settings(max_examples=20, deadline=None)
+def test_torque_of_a_link_turns_the_rotor_behind_its_spring_too(
+    hz: float, stiffness: float, sensed: bool
+) -> None:
+    """A tone, derived by hand: tau + (I_r d2/dt2 + D d/dt) tau / K; tau alone where a sensor reads the spring."""
+    s, turn = recording(), 2.0 * np.pi * hz
+    time = np.arange(1200) / 200.0
+    inertia, damping = np.full(s.n, 0.4), np.full(s.n, 1.5)
+    soft = at_rest(
+        s,
+        time,
+        effort=np.zeros((time.size, s.n)) if sensed else None,
+        spring_compliance=np.full(s.n, 1.0 / stiffness),
+        reflected_inertia=inertia,
+        motor_damping=damping,
+        encoders=(),
+        deflection_cutoffs=np.full(s.n, 15.0),
+        effort_source="joint_sensor",
+    )
+    tone, slope = np.sin(turn * time), turn * np.cos(turn * time)
+    expected = tone if sensed else tone + (0.4 * -(turn**2) * tone + 1.5 * slope) / stiffness
+    for of_accelerations in (False, True):
+        felt = soft.through_springs(tone[:, None], (1,), of_accelerations=of_accelerations)
+        np.testing.assert_allclose(felt[300:-300, 0], expected[300:-300], rtol=1e-3, atol=2e-3)
+
+
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=10, deadline=None)
 def test_the_clock_drift_is_found_from_readings_and_commands(seed: int) -> None:
@@ -373,8 +406,7 @@ def test_the_clock_drift_is_found_from_readings_and_commands(seed: int) -> None:
     def asked(t: np.ndarray) -> np.ndarray:
         return np.asarray(np.sin(2.0 * np.pi * tones * t[:, None, None] + phases).sum(axis=1))
 
-    still = np.zeros((time.size, s.n))
-    late = replace(s, time=time, position=still, velocity=still, acceleration=still, drive=asked(time))
+    late = at_rest(s, time, drive=asked(time))
     found = clock.regressor(Site(late, "log", "timing"), "actuator", {"apart": 1.0})
     assert found is not None
     column = found.columns[50:-50, :, 0].ravel()
@@ -397,17 +429,8 @@ def test_efforts_with_a_clock_of_their_own_are_found(seed: int, residual: tuple[
     def given_at(t: np.ndarray) -> np.ndarray:
         return np.asarray(np.sin(2.0 * np.pi * tones * t[:, None, None] + phases).sum(axis=1))
 
-    still = np.zeros((time.size, s.n))
-    late_one = replace(
-        s,
-        time=time,
-        position=still,
-        velocity=still,
-        acceleration=still,
-        drive=still,
-        effort=given_at(time),
-        effort_source="motor" if name == "drive" else "joint_sensor",
-    )
+    source = "motor" if name == "drive" else "joint_sensor"
+    late_one = at_rest(s, time, drive=np.zeros((time.size, s.n)), effort=given_at(time), effort_source=source)
     found = clock.regressor(Site(late_one, "log", "timing"), name, {"apart": 2.0})
     assert found is not None
     changed = sign * (given_at((time - late) / (1.0 + drift)) - given_at(time))

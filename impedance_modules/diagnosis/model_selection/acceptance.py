@@ -146,7 +146,7 @@ def rejection_reason(trial: CandidateTrial, generic: Sequence[CandidateTrial]) -
             "the joints do not agree on it, and it is one number for all",
         ),
         (
-            any(_as_good(rival, trial) for rival in generic),
+            any(_does_better(rival, trial) for rival in generic),
             "a generic smooth function of the same signals does better: not specific",
         ),
     )
@@ -181,7 +181,7 @@ def _brief(trial: CandidateTrial) -> bool:
     return not trial.term.generic and trial.term.candidate.effect.brief
 
 
-def _as_good(rival: CandidateTrial, trial: CandidateTrial) -> bool:
+def _does_better(rival: CandidateTrial, trial: CandidateTrial) -> bool:
     """Whether a generic regressor with no more coefficients does clearly better where a candidate acts.
 
     Of many drawn at random, one is always about as good as a simple law, an offset of a joint that hardly moves.

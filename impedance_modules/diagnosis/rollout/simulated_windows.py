@@ -215,8 +215,7 @@ def plant_input(prepared: Prepared, drive: str, perturbed: PerturbedPlant) -> Pl
     order = np.argsort(perturbed.order)
     effort = None if s.effort is None else _true_effort(s.effort[:, order], perturbed)
     # Its rate sets the motors' speeds: noise of positions, three times differentiated, would throw them off.
-    measured = effort is not None and log.effort_source == "joint_sensor"
-    sprung = effort if effort is not None and measured else s.slow_load[:, order]
+    sprung = s.slow_load[:, order] if effort is None or log.effort_source == "motor" else effort
     compliance, gap = _leads(perturbed)
     lead = compliance * sprung + 0.5 * gap * np.sign(sprung)
     load_rate = np.gradient(sprung, 1.0 / log.rate, axis=0)
