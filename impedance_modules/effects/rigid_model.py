@@ -175,7 +175,7 @@ class RigidModel:
         out = np.empty((q.shape[0], 6, q.shape[1]))
         for i, (x, _, _) in enumerate(self._rows(q, q, q)):
             J = pin.computeFrameJacobian(self._model, self._data, x, index, WORLD_AXES)
-            out[i] = J[:, self._columns]
+            out[i] = J.reshape(6, -1)[:, self._columns]  # of one joint the library gives (6,)
         return out
 
     def centre(self, body: str) -> Array:
@@ -226,7 +226,7 @@ class RigidModel:
         out = np.empty((len(q), 6, q.shape[1]))
         for i, (x, _, _) in enumerate(self._rows(q, q, q)):
             J = pin.computeFrameJacobian(self._model, self._data, x, index, pin.ReferenceFrame.LOCAL)
-            out[i] = J[:, self._columns]
+            out[i] = J.reshape(6, -1)[:, self._columns]  # of one joint the library gives (6,)
         return out
 
     @staticmethod
