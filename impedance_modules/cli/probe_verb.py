@@ -153,6 +153,9 @@ def _print(probe: Probe, written: list[Path], console: Console) -> None:
         found = item.separation
         table.add_row(item.question.name, f"{found.chi_square:.0f}", f"{found.share:.2f}", item.outlook)
     console.print(table)
+    for item in proposal.expected:
+        if item.reason:
+            console.print(styled("[yellow]no motion tells[/yellow] {}: {}", item.question.name, item.reason))
     if proposal.pair:
         console.print(f"nearest links: {proposal.pair}, {proposal.nearest:.3f} m")
     for path in written:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,12 @@ from impedance_modules.diagnosis.experiment_design.motion_limits import (
     choose_start,
     limits_of_model,
     limits_of_robot,
+)
+from impedance_modules.diagnosis.experiment_design.open_reasons import (
+    CERTAIN,
+    CHI_SQUARE,
+    SHARE_PERHAPS,
+    open_reason,
 )
 from impedance_modules.diagnosis.experiment_design.probe_questions import (
     ProbeQuestion,
@@ -41,17 +47,14 @@ from impedance_modules.effects.residual_kinds import Residual
 from impedance_modules.errors import BadInput
 from impedance_modules.spec.robot_spec import RobotSpec
 
-CHI_SQUARE = 200.0
-"""Expected chi-square difference that answers a question."""
-
 SHARE = 0.1
 """Least share of the effect's power that the rival must leave unexplained: noise is not the only error."""
 
-SHARE_PERHAPS = 0.02
-"""Below this share no answer is expected: a diagnosis cannot separate causes within a hundredth."""
-
 NOISE_SHARE = 0.002
 """Noise that is assumed without a diagnosis, over a joint's torque limit."""
+
+LEAST_DURATION = 20.0
+"""A shorter motion is repeated [s]: in a few seconds beside old recordings that cannot tell, a share is diluted."""
 
 GAP_SHARE = 2.0
 """Torque that may resist a probe over its whole path, as a multiple of the gap's rms."""
@@ -129,10 +132,17 @@ class Proposal:
 
 @dataclass(frozen=True)
 class ExpectedAnswer:
-    """A question and how well the chosen motion is expected to answer it."""
+    """A question and how well a motion is expected to answer it.
+
+    Attributes:
+        question: Which.
+        separation: Expected of the motion.
+        reason: Why no motion of the library answers it, and what to record instead; empty where one may.
+    """
 
     question: ProbeQuestion
     separation: Separation
+    reason: str = ""
 
     @property
     def met(self) -> bool:
@@ -144,8 +154,14 @@ class ExpectedAnswer:
         """Description for printing."""
         if self.met:
             return "yes"
-        likely = self.separation.chi_square >= CHI_SQUARE and self.separation.share >= SHARE_PERHAPS
-        return "perhaps: the rival comes near" if likely else "no motion of the library does"
+        return "no motion of the library does" if self.reason else "perhaps: the rival comes near"
+
+    @property
+    def likely(self) -> bool:
+        """Whether an answer can be hoped for."""
+        found = self.separation
+        enough = found.share >= SHARE_PERHAPS or found.chi_square >= CERTAIN
+        return enough and found.chi_square >= CHI_SQUARE
 
     @property
     def progress(self) -> float:
@@ -193,10 +209,13 @@ class ProbeSearch:
             )
         chain = self._chain(tried)
         alone = [item for item in tried if all(e.met for e in item.expected)]
-        best = min([chain, *(item.motion for item in alone)], key=lambda motion: motion.duration)
+        best = _long_enough(
+            min([chain, *(item.motion for item in alone)], key=lambda motion: motion.duration)
+        )
         signals = self._motion_predictor.record(best)
         nearest, pair = self._nearest(signals)
-        return Proposal(best, self._asked(signals, self._request.questions), nearest, pair)
+        expected = self._asked(signals, self._request.questions)
+        return Proposal(best, tuple(_with_reason(e, i, tried) for i, e in enumerate(expected)), nearest, pair)
 
     def _chain(self, tried: Sequence[_Tried]) -> ProbeMotion:
         reached = dict.fromkeys(range(len(self._request.questions)), 0.0)
@@ -264,6 +283,23 @@ class _Tried:
 
     motion: ProbeMotion
     expected: tuple[ExpectedAnswer, ...]
+
+
+def _long_enough(motion: ProbeMotion) -> ProbeMotion:
+    """Repeats a motion until it lasts `LEAST_DURATION`."""
+    whole = motion
+    while whole.duration < LEAST_DURATION:
+        whole = whole.then(motion)
+    return whole
+
+
+def _with_reason(expected: ExpectedAnswer, index: int, tried: Sequence[_Tried]) -> ExpectedAnswer:
+    """Adds why a question stays open, judged by the motion that comes nearest to an answer."""
+    every = [expected, *(item.expected[index] for item in tried)]
+    if any(one.likely for one in every):
+        return expected
+    best = max(every, key=lambda one: one.progress)
+    return replace(expected, reason=open_reason(expected.question, best.separation))
 
 
 def _assumed(limits: MotionLimits) -> dict[tuple[Residual, str], float]:

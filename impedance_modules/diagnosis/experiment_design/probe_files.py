@@ -8,7 +8,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from impedance_modules.arrays import Array
-from impedance_modules.diagnosis.experiment_design.probe_choice import CHI_SQUARE, SHARE, Probe, Proposal
+from impedance_modules.diagnosis.experiment_design.open_reasons import CHI_SQUARE
+from impedance_modules.diagnosis.experiment_design.probe_choice import SHARE, Probe, Proposal
 from impedance_modules.diagnosis.experiment_design.separation import RATIO, MotionPredictor
 from impedance_modules.spec.robot_spec import LimbSpec, RobotSpec
 
@@ -101,6 +102,7 @@ def probe_object(probe: Probe) -> dict[str, Any]:
                 "chi_square": item.separation.chi_square,
                 "share": item.separation.share,
                 "answered": item.met,
+                "reason": item.reason or None,
             }
             for item in proposal.expected
         ],

@@ -170,17 +170,33 @@ def _open(causes: Sequence[Mapping[str, Any]], tree: RigidTree) -> Iterator[Prob
             mine = (own,) if own in tree.joints else tuple(cause["joints"])
             for rival in cause["equivalent"]:
                 theirs = tuple(rival["joints"])
-                if _of_bodies(rival["effect"]) or not theirs or not mine or set(theirs) & set(mine):
-                    for other in _keys(rival["effect"], theirs or (key,), tree):
-                        second = _hypothesis(rival["effect"], other, None, None)
-                        yield ProbeQuestion(
-                            first, second, tuple(dict.fromkeys([*mine, *theirs])) or tree.joints
-                        )
+                of_another_joint = set(theirs) & set(cause["joints"]) and not set(theirs) & set(mine)
+                if of_another_joint and not _of_bodies(rival["effect"]):
+                    continue
+                joints = dict.fromkeys(
+                    [*_showing(cause["effect"], mine, tree), *_showing(rival["effect"], theirs, tree)]
+                )
+                for other in _keys(rival["effect"], theirs or (key,), tree):
+                    second = _hypothesis(rival["effect"], other, None, None)
+                    yield ProbeQuestion(first, second, tuple(joints) or tree.joints)
 
 
 def _of_bodies(effect: str) -> bool:
     """Whether an effect's parameters belong to a body: it then shows on every joint before the body."""
     return effect in CATALOGUE and "body" in CATALOGUE[effect].description.keys
+
+
+def _showing(effect: str, joints: Sequence[str], tree: RigidTree) -> tuple[str, ...]:
+    """Joints on which an effect shows: for a body those that carry it, too, the nearest first."""
+    if not _of_bodies(effect):
+        return tuple(joints)
+    found = []
+    for joint in (name for name in joints if name in tree.joints):
+        place: int | None = tree.joints.index(joint)
+        while place is not None:
+            found.append(tree.joints[place])
+            place = tree.bodies[place].parent
+    return tuple(dict.fromkeys(found))
 
 
 def _keys(effect: str, theirs: Sequence[str], tree: RigidTree) -> tuple[str, ...]:

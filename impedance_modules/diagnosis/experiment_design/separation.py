@@ -14,6 +14,8 @@ prior, scaled to unit size), \sigma the noise of each residual and joint, and al
     \chi^2 = min_{b, z} \sum |y - C b - Z z|^2 / \sigma^2 + |z|^2,      share = \chi^2 / \sum |y|^2 / \sigma^2
 
 share is the squared sine of the angle between the first hypothesis and the space of the second and the nuisance.
+Where one of the two cannot show (play under a load that keeps its sign, a surface that nothing touches), the motion
+rules the other out or confirms it: C has no columns.
 Where the second contains the first (a spring with a preload contains an offset), the columns that distinguish the
 second (the stiffness) must not fit as well alone; if there are no such columns, the roles are exchanged: what the
 second has beyond the first must show.
@@ -21,8 +23,8 @@ second has beyond the first must show.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -171,29 +173,22 @@ class SeparationPredictor:
 
 
 def _answer(rows: _Rows, question: ProbeQuestion) -> Separation:
-    one_way = min(
-        (rows.left(y, C) for y in rows.sized(question.first) for C in rows.spaces(question.second)),
-        key=lambda found: found.share,
-        default=Separation(0.0, 0.0),
-    )
+    sized = [y for y in rows.sized(question.first) if np.any(y)]
+    spaces = list(rows.spaces(question.second))
+    if not sized:
+        return rows.ruled_out(question.second)
+    one_way = _least(rows.left(y, C) for y in sized for C in spaces or [rows.nothing])
     if one_way.share > CONTAINED:
         return one_way
     kept = _distinguishing(question.second)
     if kept:
-        return min(
-            (
-                rows.left(y, C[:, kept])
-                for y in rows.sized(question.first)
-                for C in rows.spaces(question.second)
-            ),
-            key=lambda found: found.share,
-            default=Separation(0.0, 0.0),
-        )
-    return min(
-        (rows.beyond(C, question.first) for C in rows.spaces(question.second)),
-        key=lambda found: found.share,
-        default=Separation(0.0, 0.0),
-    )
+        return _least(rows.left(y, C[:, kept]) for y in sized for C in spaces)
+    return _least(rows.beyond(C, question.first) for C in spaces)
+
+
+def _least(found: Iterable[Separation]) -> Separation:
+    """The separation from the nearest alternative; none without one."""
+    return min(found, key=lambda one: one.share, default=Separation(0.0, 0.0))
 
 
 def _distinguishing(hypothesis: Hypothesis) -> list[int]:
@@ -226,7 +221,7 @@ class _Rows:
         self._groups = tuple(self._weight)
         self._residuals = request.residuals
         if not any(residual in LINK_RESIDUALS for residual, _ in self._groups):
-            self._nuisance = np.zeros((len(self._groups) * len(signals.time[:: self._step]), 0))
+            self._nuisance = self.nothing
             return
         picked = slice(None, None, self._step)
         body = inertial_regressor(
@@ -257,6 +252,16 @@ class _Rows:
         """Gives a hypothesis's column spaces, one per port and shape."""
         for port in hypothesis.ports:
             yield from self._columns(hypothesis, port)
+
+    @property
+    def nothing(self) -> Array:
+        """The space of a hypothesis that cannot show in this motion: no column."""
+        return np.zeros((len(self._groups) * len(self._signals.time[:: self._step]), 0))
+
+    def ruled_out(self, second: Hypothesis) -> Separation:
+        """How well a hypothesis is ruled out because it shows in a motion where the other one cannot."""
+        unsized = replace(second, values=None)
+        return _least(self.left(y, self.nothing) for y in self.sized(unsized))
 
     def left(self, y: Array, C: Array) -> Separation:
         """Fits y by C and the nuisance."""
