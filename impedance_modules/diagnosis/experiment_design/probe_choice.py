@@ -53,9 +53,6 @@ SHARE = 0.1
 NOISE_SHARE = 0.002
 """Noise that is assumed without a diagnosis, over a joint's torque limit."""
 
-LEAST_DURATION = 20.0
-"""A shorter motion is repeated [s]: in a few seconds beside old recordings that cannot tell, a share is diluted."""
-
 GAP_SHARE = 2.0
 """Torque that may resist a probe over its whole path, as a multiple of the gap's rms."""
 
@@ -283,14 +280,6 @@ class _Tried:
 
     motion: ProbeMotion
     expected: tuple[ExpectedAnswer, ...]
-
-
-def _long_enough(motion: ProbeMotion) -> ProbeMotion:
-    """Repeats a motion until it lasts `LEAST_DURATION`."""
-    whole = motion
-    while whole.duration < LEAST_DURATION:
-        whole = whole.then(motion)
-    return whole
 
 
 def _with_reason(expected: ExpectedAnswer, index: int, tried: Sequence[_Tried]) -> ExpectedAnswer:
