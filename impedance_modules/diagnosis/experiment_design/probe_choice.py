@@ -206,9 +206,7 @@ class ProbeSearch:
             )
         chain = self._chain(tried)
         alone = [item for item in tried if all(e.met for e in item.expected)]
-        best = _long_enough(
-            min([chain, *(item.motion for item in alone)], key=lambda motion: motion.duration)
-        )
+        best = min([chain, *(item.motion for item in alone)], key=lambda motion: motion.duration)
         signals = self._motion_predictor.record(best)
         nearest, pair = self._nearest(signals)
         expected = self._asked(signals, self._request.questions)
