@@ -59,6 +59,7 @@ from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.external_contact import ExternalContact
 from impedance_modules.effects.recorded_signals import Signals
+from impedance_modules.worker_processes import OrderedMap, map_here
 
 Progress = Callable[[str], None]
 """Called with a sentence for each step."""
@@ -76,6 +77,7 @@ def search_causes(
     model: NominalModel,
     without: Collection[str],
     progress: Progress,
+    each: OrderedMap = map_here,
 ) -> Evidence:
     """Finds the causes of the residuals of all recordings.
 
@@ -85,8 +87,9 @@ def search_causes(
         model: The nominal model.
         without: Ids of effects that are left out of the catalogue.
         progress: Called with a sentence for each step.
+        each: Where recordings are worked on, one by one.
     """
-    selector = _selector(prepared, split, model, without)
+    selector = _selector(prepared, split, model, without, each)
     progress("searching")
     found = selector.run(progress)
     pushes: tuple[ExternalPush, ...] = ()
@@ -103,7 +106,11 @@ def search_causes(
 
 
 def _selector(
-    prepared: tuple[Prepared, ...], split: DataSplit, model: NominalModel, without: Collection[str]
+    prepared: tuple[Prepared, ...],
+    split: DataSplit,
+    model: NominalModel,
+    without: Collection[str],
+    each: OrderedMap,
 ) -> Selector:
     """Builds the columns of all candidates, the noise floor and the design; rows in contact are masked."""
     signals = _cleaned(prepared, split)
@@ -116,7 +123,7 @@ def _selector(
     ]
     residuals = list(prepared[0].residuals)
     generic = generic_basis(prepared, residuals)
-    regressors = candidate_regressors(shaped, prepared, signals, residuals)
+    regressors = candidate_regressors(shaped, prepared, signals, residuals, each)
     nuisance = build_nuisance(prepared, model.tree.inertia)
     raw = [[item.residuals[name][:, joint] for name, joint in nuisance.groups] for item in prepared]
     mask = rows_of_link_residuals(contact_free_rows(prepared), nuisance.groups)
