@@ -7,6 +7,7 @@ depend on the number of processes.
 
 from __future__ import annotations
 
+import logging
 import multiprocessing
 import signal
 from collections import deque
@@ -125,14 +126,15 @@ def cluster(address: str) -> Iterator[Any]:
             f"--scheduler {address}: no Dask scheduler answers there ({error}) (valid: the address that"
             " `dask scheduler` prints, e.g. tcp://192.168.0.2:8786)"
         ) from None
-    with import_module("dask").config.set({WARN_FROM: "16 GB"}), client:
+    with import_module("dask").config.set({WARN_FROM: "16 GB"}), _quiet(), client:
         _refuse_workers(client, address)
         try:
             yield client
         except _losses(distributed) as error:
+            why = " ".join(str(error).split())
             raise WorkerLost(
                 f"--scheduler {address}: the cluster has lost a worker or its scheduler before the result was there:"
-                f" {error} (valid: the same command again once the cluster runs)"
+                f" {why} (valid: the same command again once the cluster runs)"
             ) from None
 
 
@@ -140,6 +142,19 @@ def as_each_is_done(waiting: Sequence[Any]) -> Iterator[Any]:
     """Gives results of a cluster as soon as each is there, in no order."""
     for done in _distributed().as_completed(waiting):
         yield done.result()
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keeps Dask's log of a lost connection, some pages of it, away from the terminal: one error says it."""
+    levels = [(handler, handler.level) for handler in logging.getLogger("distributed").handlers]
+    for handler, _ in levels:
+        handler.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        for handler, level in levels:
+            handler.setLevel(level)
 
 
 class _NoWorkers(Exception):  # noqa: N818 - caught here, and named otherwise
@@ -221,6 +236,8 @@ def _map_on_cluster(
             try:
                 return waiting.result(timeout=LOOKING)
             except TimeoutError:
+                if waiting.done():
+                    raise
                 if not client.scheduler_info()["workers"]:
                     raise _NoWorkers("it has no workers any more") from None
 
