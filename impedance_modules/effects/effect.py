@@ -85,6 +85,7 @@ class Effect(ABC):
             numbers other than the real ones.
         first_excitation: Place in the list of effects that a first recording, without any suspicion, should tell
             apart on every joint; None for those that need a suspicion first.
+        stated_outside: Id of the effect by which a patch states it where it is not of the robot (`is_outside`).
         exported: What it is in somebody's own simulator of rigid joints; empty where none has a number for it.
         not_exported: Why none has, at the ports where nothing is exported: the rest of a sentence on the effect.
         compensation: How a controller takes it back: a torque with a potential, of links (``weight``) or joints
@@ -110,6 +111,7 @@ class Effect(ABC):
     dry: bool = False
     of_tracking_error: bool = False
     constant_part: str | None = None
+    stated_outside: str | None = None
     carried_by_robot: bool = False
     imitates_carried: bool = False
     first_excitation: int | None = None
@@ -225,6 +227,10 @@ class Effect(ABC):
     def next_shape(self, values: Values, shape: Mapping[str, float]) -> dict[str, float]:
         """Gives the shape for the next round of the regression; the same one when it has converged."""
         return {name: values.get(name, old) for name, old in shape.items()}
+
+    def is_outside(self, shape: Shape, site: Site) -> bool:
+        """Whether what was found in a recording is not of the robot, as that robot's maker would know it."""
+        return False
 
     def apply_to_robot(self, robot: RobotSpec, port: Port, parameters: Mapping[str, Values]) -> RobotSpec:
         """Returns the robot with the effect in its numbers: what both plant and model know."""
