@@ -116,7 +116,7 @@ def diagnose(
     left_out = {*without, *not_searched(under_water=under_water)}
     evidence = search_causes(prepared, split, model, left_out, progress, each)
     evidence, small = without_negligible(evidence)
-    notes = (*split.warnings, *contact_note(prepared), *small)
+    notes = (*split.warnings, *contact_note(prepared), *evidence.notes, *small)
     while True:
         found = _concluded(evidence, model, report, notes, progress)
         progress("simulating the held-out recordings")

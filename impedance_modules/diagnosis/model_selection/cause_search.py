@@ -23,6 +23,7 @@ from impedance_modules.diagnosis.model_selection.external_pushes import (
     rows_without_pushes,
 )
 from impedance_modules.diagnosis.model_selection.forward_selection import Selection, Selector
+from impedance_modules.diagnosis.model_selection.reversals import reversal_note, rows_without_reversals
 from impedance_modules.diagnosis.regression.candidates import (
     CandidateRegressor,
     candidate_regressors,
@@ -92,6 +93,7 @@ def search_causes(
     selector = _selector(prepared, split, model, without, each)
     progress("searching")
     found = selector.run(progress)
+    selector, found, notes = _without_reversals(selector, found, prepared, progress)
     pushes: tuple[ExternalPush, ...] = ()
     if ExternalContact.description.id not in without:
         selector, found, pushes = _without_pushes(selector, found, prepared, progress)
@@ -102,7 +104,7 @@ def search_causes(
         # With the causes known, differences between repeated motions no longer raise the noise floor.
         left = [plain.left(model_fit, r) for r in range(len(prepared))]
         floor = noise_by_repeats(left, prepared, selector.design.nuisance, pairs, floor.clear)
-    return Evidence(selector, split.heldout, prepared, model_fit, floor, plain, found.refusal, pushes)
+    return Evidence(selector, split.heldout, prepared, model_fit, floor, plain, found.refusal, pushes, notes)
 
 
 def _selector(
@@ -143,6 +145,19 @@ def _cleaned(prepared: Sequence[Prepared], split: DataSplit) -> list[Signals]:
     noise = noise_of_repeats(prepared, pairs, lambda signals: signals.drive)
     flicker = noise_of_repeats(prepared, pairs, lambda signals: signals.effort)
     return [clean_signals(with_stationary_joints(item.signals), noise, flicker) for item in prepared]
+
+
+def _without_reversals(
+    selector: Selector, found: Selection, prepared: Sequence[Prepared], progress: Progress
+) -> tuple[Selector, Selection, tuple[str, ...]]:
+    """Repeats the search without the rows in which dry friction is not understood, and says so; else as given."""
+    sliding = rows_without_reversals(found.causes, selector.model_fit, prepared)
+    if not sliding:
+        return selector, found, ()
+    progress("masking reversals")
+    design = selector.design
+    masked = selector.on(design.without(intersect_masks(design.whitening.clear, sliding)))
+    return masked, masked.run(progress), reversal_note(sliding, prepared, design.groups)
 
 
 def _without_pushes(
