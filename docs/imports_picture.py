@@ -27,6 +27,7 @@ BOTTOM = {
     "input_files",
     "strict_json",
     "plain_figures",
+    "worker_processes",
     "compiled",
     "records",
     "machine_code",

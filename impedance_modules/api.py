@@ -173,6 +173,8 @@ def diagnose(
     without: Sequence[str] = (),
     hold: Mapping[str, float] | None = None,
     import_map: str | Path | None = None,
+    jobs: int = 1,
+    scheduler: str | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Diagnosis:
     """Says where recordings of one robot and its model differ, and what causes it (docs/diagnosis.md).
@@ -186,10 +188,14 @@ def diagnose(
         hold: Position of joints that were not recorded [rad or m]; with ``urdf``.
         import_map: What the columns of such files mean; None for those that say it themselves (what a table does not
             say and is assumed comes as a warning).
+        jobs: Local cores that compute; 1 is this process itself. With more, a script needs ``if __name__ ==
+            "__main__":``, as for all processes of Python's own ``multiprocessing``.
+        scheduler: Address of an existing Dask cluster that computes instead of local cores.
         progress: Called with a sentence for each step.
 
     Raises:
-        BadInput: A recording or model cannot be read, or they contradict each other.
+        BadInput: A recording or model cannot be read, they contradict each other, or the cluster cannot be used.
+        WorkerLost: A process that computed a part ended before it was there.
     """
     from impedance_modules.diagnosis.compared_recordings import diagnosed  # noqa: PLC0415 - slow to import
 
@@ -201,6 +207,8 @@ def diagnose(
         hold=hold,
         import_map=None if import_map is None else Path(import_map),
         without=without,
+        jobs=None if jobs == 1 else jobs,
+        scheduler=scheduler,
         progress=progress,
         note=warnings.warn,
     )

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 _UNPRINTABLE = re.compile(
     "[\x00-\x08\x0a-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
@@ -65,6 +66,16 @@ class ImpedanceError(Exception):
 
     exit_code = 2
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Another process gets the same error, whatever its class is made of."""
+        return _again, (type(self), self.args, self.__dict__)
+
+
+def _again(kind: type[ImpedanceError], words: tuple[Any, ...], rest: Mapping[str, Any]) -> ImpedanceError:
+    error = kind.__new__(kind, *words)
+    error.__dict__.update(rest)
+    return error
+
 
 class BadInput(ImpedanceError):
     """A file, option or recording that cannot be used; nothing has moved."""
@@ -113,6 +124,10 @@ class ReplayMismatch(ImpedanceError):
     """A recomputed torque differs from the recorded one."""
 
     exit_code = 4
+
+
+class WorkerLost(ImpedanceError):
+    """A process that computed a part of a result has ended before it was there; there is no result."""
 
 
 class EndOfRecording(ImpedanceError):

@@ -61,6 +61,8 @@ PATH = click.Path(path_type=Path)
     metavar="SHARE",
     help="Of each joint's torque range: a gap within it that changes no simulated motion raises no alarm.",
 )
+@click.option("--jobs", type=int, metavar="J", help="Local cores  [default: 1].")
+@click.option("--scheduler", metavar="ADDRESS", help="Use an existing Dask cluster instead of local cores.")
 @click.option("--json", "json_path", type=PATH, metavar="F", help="Write the answer as JSON.")
 @click.option("--report", type=PATH, metavar="F.html", help="Write a report as one HTML file.")
 @click.option(
@@ -94,6 +96,8 @@ def diagnose_command(
     without: tuple[str, ...],
     under_water: bool,
     tolerance: float,
+    jobs: int | None,
+    scheduler: str | None,
     json_path: Path | None,
     report: Path | None,
     recording: Path | None,
@@ -140,6 +144,8 @@ def diagnose_command(
             without=without,
             under_water=under_water,
             tolerance=tolerance,
+            jobs=jobs,
+            scheduler=scheduler,
             progress=progress,
             note=lambda words: say(f"note: {words}", err=True),
         )

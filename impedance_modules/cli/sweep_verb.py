@@ -12,6 +12,7 @@ import click
 
 from impedance_modules.cli.shared_options import effects_option, rate_option, task_argument
 from impedance_modules.errors import BadInput
+from impedance_modules.worker_processes import refuse_counts
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -75,9 +76,8 @@ def sweep_command(
     from impedance_modules.tools.sweep_plan import SweepPlan, make_jobs, read_range
     from impedance_modules.tools.sweep_runs import REFUSED
 
-    _refuse_counts(draws=draws, seeds=seeds, jobs=jobs, duration=duration)
-    if jobs is not None and scheduler is not None:
-        raise BadInput("--jobs counts local cores, --scheduler uses none of them (valid: one of the two)")
+    _refuse_counts(draws=draws, seeds=seeds, duration=duration)
+    refuse_counts(jobs, scheduler)
     ranges = tuple(map(read_range, vary))
     folder = out if out is not None else Path("out") / f"sweep-{Path(task).stem}"
     plan = SweepPlan(
@@ -98,10 +98,10 @@ def sweep_command(
     return 2 if all(row.ending == REFUSED for row in rows) else 0
 
 
-def _refuse_counts(*, draws: int | None, seeds: int, jobs: int | None, duration: float | None) -> None:
-    for option, count in (("--random", draws), ("--seeds", seeds), ("--jobs", jobs)):
+def _refuse_counts(*, draws: int | None, seeds: int, duration: float | None) -> None:
+    for option, count in (("--random", draws), ("--seeds", seeds)):
         if count is not None and count < 1:
-            raise BadInput(f"{option} {count}: not a number of runs or cores (valid: 1 or more)")
+            raise BadInput(f"{option} {count}: not a number of runs (valid: 1 or more)")
     if duration is not None and not duration > 0.0:
         raise BadInput(f"--duration {duration:g} s: nothing would run (valid: above 0)")
 

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
 from statistics import fmean
@@ -17,7 +17,7 @@ from impedance_modules.diagnosis.data.nominal_model import NominalModel, model_o
 from impedance_modules.diagnosis.diagnose import diagnose, insufficient
 from impedance_modules.diagnosis.result import DEFAULT_TOLERANCE, Diagnosis
 from impedance_modules.diagnosis.text_logs import Stated, as_episodes
-from impedance_modules.effects.catalogue import CATALOGUE
+from impedance_modules.effects.catalogue import CATALOGUE, add_missing_effects
 from impedance_modules.episode.data import Episode
 from impedance_modules.episode.imports.pipeline import import_sources
 from impedance_modules.episode.run_folder import episode_paths
@@ -25,6 +25,7 @@ from impedance_modules.errors import BadInput, nearest
 from impedance_modules.spec.patch_file import EffectSpec, read_patch
 from impedance_modules.spec.robot_reader import read_robot
 from impedance_modules.spec.robot_spec import EncoderSide
+from impedance_modules.worker_processes import ordered_map
 
 EPISODE_SUFFIX = ".parquet"
 """Of a file that is an episode already."""
@@ -46,6 +47,8 @@ def diagnosed(
     without: Sequence[str] = (),
     under_water: bool = False,
     tolerance: float = DEFAULT_TOLERANCE,
+    jobs: int | None = None,
+    scheduler: str | None = None,
     progress: Callable[[str], None] = lambda _: None,
     note: Callable[[str], None] = lambda _: None,
 ) -> Diagnosis:
@@ -64,20 +67,26 @@ def diagnosed(
         without: Ids of effects that are left out of the catalogue.
         under_water: Whether effects of water are candidates.
         tolerance: Share of a joint's torque range that does not matter; 0 for none.
+        jobs: Local cores that compute; None is one, this process itself.
+        scheduler: Address of an existing Dask cluster that computes instead.
         progress: Called with a sentence for each step.
         note: Called with what was taken because nobody said it.
 
     Raises:
-        BadInput: A recording, model, patch or option that does not fit.
+        BadInput: A recording, model, patch or option that does not fit, or a cluster that cannot be used.
+        WorkerLost: A process that computed a part ended before it was there.
     """
     if (robot is None) == (urdf is None):
         raise BadInput("diagnose needs the model to compare: give --robot NAME or --urdf FILE, one of them")
     _refuse_unknown(without)
     model_file = partial(_description, robot, urdf)
-    fitted, tested = _read([logs, holdout], model_file, import_map, stated, note)
-    episodes = [episode for found in (*fitted, *tested) for episode in found]
-    heldout = [episode.name for found in tested for episode in found]
-    with _compared(robot, urdf, hold or {}, episodes) as compared:
+    with ExitStack() as stack:
+        catalogue = partial(add_missing_effects, tuple(CATALOGUE.values()))
+        each = stack.enter_context(ordered_map(jobs, scheduler, catalogue))
+        fitted, tested = _read([logs, holdout], model_file, import_map, stated, note)
+        episodes = [episode for found in (*fitted, *tested) for episode in found]
+        heldout = [episode.name for found in tested for episode in found]
+        compared = stack.enter_context(_compared(robot, urdf, hold or {}, episodes))
         known = (*compared.known_effects, *_applied(effects, compared.model))
         model = compared.model if encoder is None else with_encoders(compared.model, encoder)
         try:
@@ -91,6 +100,7 @@ def diagnosed(
                 tolerance=tolerance,
                 known_effects=known,
                 progress=progress,
+                each=each,
             )
         except InsufficientData as error:
             return insufficient(compared.model.robot, [episode.name for episode in episodes], str(error))

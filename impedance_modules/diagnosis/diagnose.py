@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from impedance_modules.diagnosis.data.admission import admit
@@ -48,6 +49,7 @@ from impedance_modules.diagnosis.rollout.rollout_stage import with_rollouts
 from impedance_modules.effects.catalogue import not_searched
 from impedance_modules.episode.data import Episode
 from impedance_modules.spec.patch_file import EffectSpec
+from impedance_modules.worker_processes import OrderedMap, map_here
 
 ROWS_MIN = 12
 """Fewest samples in the band that a recording must give."""
@@ -76,6 +78,7 @@ def diagnose(
     tolerance: float = DEFAULT_TOLERANCE,
     known_effects: Sequence[EffectSpec] = (),
     progress: Progress = lambda _: None,
+    each: OrderedMap = map_here,
 ) -> Diagnosis:
     """Says where recordings and model differ, what causes it, and how far the gap shrinks.
 
@@ -90,6 +93,7 @@ def diagnose(
             none; 0 for no such share.
         known_effects: Effects of a patch that the nominal model includes from the beginning.
         progress: Called with a sentence for each step.
+        each: Where recordings and simulations are worked on, one by one; the answer does not depend on it.
 
     Raises:
         BadInput: A recording contradicts itself or the model.
@@ -104,18 +108,19 @@ def diagnose(
     split = assign_folds(logs, heldout, least_duration(common.cutoff, ROWS_MIN + 2), run_in)
     progress("computing residuals")
     rigid = BatchedRigidModel.of_tree(urdf, model.tree)
-    prepared = tuple(prepare(log, model, rigid, common, known_effects) for log in split.logs)
+    work = partial(prepare, model=model, rigid=rigid, common=common, known_effects=known_effects)
+    prepared = tuple(each(work, split.logs))
     split, prepared = _long_enough(split, prepared)
     whole, prepared = prepared, without_links_in_contact(prepared)
     progress("evaluating candidates")
     left_out = {*without, *not_searched(under_water=under_water)}
-    evidence = search_causes(prepared, split, model, left_out, progress)
+    evidence = search_causes(prepared, split, model, left_out, progress, each)
     evidence, small = without_negligible(evidence)
-    notes = (*split.warnings, *contact_note(prepared), *small)
+    notes = (*split.warnings, *contact_note(prepared), *evidence.notes, *small)
     while True:
         found = _concluded(evidence, model, report, notes, progress)
         progress("simulating the held-out recordings")
-        found = with_rollouts(found, evidence, model, urdf, known_effects)
+        found = with_rollouts(found, evidence, model, urdf, known_effects, each)
         evidence, worse = without_rejected(evidence, found.causes)
         if not worse:
             found = set_small_aside(found, evidence, tolerance)

@@ -214,6 +214,7 @@ class Cause:
         standing: How far it stands out on unseen recordings.
         probability: That this effect is present at these joints; None until the whole result is known.
         grounds: What the probability follows from.
+        outside: Whether it is not of the robot, as its maker would know it: a patch states it as such.
     """
 
     effect: str
@@ -230,6 +231,7 @@ class Cause:
     standing: Standing = NOT_COMPARED
     probability: float | None = None
     grounds: Grounds | None = None
+    outside: bool = False
 
 
 @dataclass(frozen=True)

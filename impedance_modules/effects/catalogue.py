@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from impedance_modules.effects import (
     bodies,
     clock,
@@ -74,6 +76,17 @@ def add_effect(effect: Effect) -> None:
         raise BadInput(f"{effect!r} (valid: an instance of a subclass of Effect with an id of its own)")
     CATALOGUE[effect.id] = effect
     allow_effect(effect.id)
+
+
+def add_missing_effects(effects: Iterable[Effect]) -> None:
+    """Adds those effects that are not there: what another process has added to its catalogue.
+
+    Raises:
+        BadInput: One is no effect.
+    """
+    for effect in effects:
+        if effect.id not in CATALOGUE:
+            add_effect(effect)
 
 
 def add_installed_effects() -> None:

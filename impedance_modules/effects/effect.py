@@ -39,13 +39,13 @@ Values = Mapping[str, float]
 PRESLIDING = "presliding"
 """Shape: presliding displacement [rad], over which dry friction changes its sign; zero where a speed decides."""
 
-PRESLIDING_DISPLACEMENTS = (0.03, 0.1, 0.2)
+PRESLIDING_DISPLACEMENTS = (0.01, 0.03, 0.1, 0.2)
 """Displacements tried, in multiples of the distance that a joint moves in a second at the regularisation velocity."""
 
 REGULARISATION = "regularisation"
 """Shape: multiple of the usual regularisation velocity of dry friction; missing where it is the usual one."""
 
-WIDER_REGULARISATIONS = (3.0, 7.0)
+WIDER_REGULARISATIONS = (0.3, 3.0, 7.0)
 """Multiples tried: wet surfaces creep before they slide, and so do the constraints of simulators."""
 
 
@@ -75,6 +75,8 @@ class Effect(ABC):
         of_accelerations: Measured accelerations make its torque, and their noise.
         delays_torque: It delays the joint's torque; two such effects differ in the second order of their time only.
         shared_by_joints: One physical reason can give it to many joints at once: a delayed bus delays all commands.
+        dry: Its torque depends on the sign of the speed.
+        of_tracking_error: It follows the tracking error, with which a controller answers any disturbance.
         constant_part: Symbol of the parameter that is a constant torque wherever the joint moves [N.m]; None where
             it has none. Two effects with one on the same joint can take each other back.
         carried_by_robot: The maker may have told the robot of it: then the robot adds the torque that it takes to
@@ -83,6 +85,7 @@ class Effect(ABC):
             numbers other than the real ones.
         first_excitation: Place in the list of effects that a first recording, without any suspicion, should tell
             apart on every joint; None for those that need a suspicion first.
+        stated_outside: Id of the effect by which a patch states it where it is not of the robot (`is_outside`).
         exported: What it is in somebody's own simulator of rigid joints; empty where none has a number for it.
         not_exported: Why none has, at the ports where nothing is exported: the rest of a sentence on the effect.
         compensation: How a controller takes it back: a torque with a potential, of links (``weight``) or joints
@@ -105,7 +108,10 @@ class Effect(ABC):
     of_accelerations: bool = False
     delays_torque: bool = False
     shared_by_joints: bool = False
+    dry: bool = False
+    of_tracking_error: bool = False
     constant_part: str | None = None
+    stated_outside: str | None = None
     carried_by_robot: bool = False
     imitates_carried: bool = False
     first_excitation: int | None = None
@@ -222,6 +228,10 @@ class Effect(ABC):
         """Gives the shape for the next round of the regression; the same one when it has converged."""
         return {name: values.get(name, old) for name, old in shape.items()}
 
+    def is_outside(self, shape: Shape, site: Site) -> bool:
+        """Whether what was found in a recording is not of the robot, as that robot's maker would know it."""
+        return False
+
     def apply_to_robot(self, robot: RobotSpec, port: Port, parameters: Mapping[str, Values]) -> RobotSpec:
         """Returns the robot with the effect in its numbers: what both plant and model know."""
         return robot
@@ -249,13 +259,11 @@ class JointLaw(Effect):
             of ``shape``, in their order. The text has no branches: the plant runs it on numbers, the diagnosis on
             arrays over a recording. An effect that states ``basis`` instead needs none; the plant is slower then.
         terms: Number of columns that ``law`` writes.
-        dry: Whether it needs the sign of the speed.
         lower, upper: Physical bounds of the coefficients.
     """
 
     law: ClassVar[Law[..., None] | None] = None
     terms: ClassVar[int] = 1
-    dry: bool = False
     lower: Bound = 0.0
     upper: Bound = np.inf
 

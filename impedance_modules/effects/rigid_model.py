@@ -9,8 +9,9 @@ be revolute, continuous or prismatic. Every method takes whole recordings, (N, n
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -59,6 +60,15 @@ class RigidModel:
             for frame in self._model.frames
             if frame.type == pin.FrameType.BODY and frame.parentJoint > 0
         )
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What another process is sent: what pinocchio computes with is made there."""
+        return {name: value for name, value in self.__dict__.items() if name != "_data"}
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        """Takes what was sent."""
+        self.__dict__.update(state)
+        self._data = self._model.createData()
 
     @classmethod
     def of_robot(cls, model: RobotModel) -> RigidModel:

@@ -77,6 +77,7 @@ class ParallelSpring(JointLaw):
         applied="Plant and model. A robot that carries its own weight carries its springs too (design 4).",
     )
     carried_by_robot = True
+    stated_outside = OUTSIDE
     compensation = "potential"
     compensated_at = ("link",)
     exported = (
@@ -103,6 +104,10 @@ class ParallelSpring(JointLaw):
         if site.signals.assistance is None or site.signals.effort is None:
             return ({},)
         return ({}, {CARRIED: 1.0})
+
+    def is_outside(self, shape: Shape, site: Site) -> bool:
+        """A robot that adds torques of its own would carry its springs, and did not."""
+        return site.signals.assistance is not None and CARRIED not in shape
 
     def coefficients(self, values: Values, site: Site) -> tuple[Array, dict[str, float]]:
         """The recording tells whether the robot carries it: more effort than asked for, by what deflects it."""

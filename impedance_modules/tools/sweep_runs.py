@@ -6,30 +6,27 @@ Each run has the checks, control and plant of ``impedance run``, without picture
 
 from __future__ import annotations
 
-import multiprocessing
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from impedance_modules.control.assembly import Assembly, assemble
 from impedance_modules.control.loop import Interrupt, run_loop
 from impedance_modules.control.supervisor import Supervisor
-from impedance_modules.errors import BadInput, ImpedanceError
+from impedance_modules.errors import ImpedanceError
 from impedance_modules.runs.recorder import Recorder
 from impedance_modules.runs.run_summary import Summary
 from impedance_modules.runs.task_acceptance import accept
 from impedance_modules.runs.task_plant import sim_backend
 from impedance_modules.tools.sweep_plan import SweepJob
+from impedance_modules.worker_processes import as_each_is_done, cluster, local_processes
 
 REFUSED = "refused"
 """Ending of a run that ``check`` does not allow."""
-CONNECTING = 10.0
-"""For how long a cluster may take to answer [s]."""
 
 
 @dataclass(frozen=True)
@@ -123,42 +120,21 @@ def run_here(jobs: Sequence[SweepJob], cores: int) -> Iterator[SweepRow]:
     if cores == 1 or len(jobs) == 1:
         yield from map(run_one, jobs)
         return
-    # Forked processes would inherit threads of numerical libraries in the middle of something.
-    fresh = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(min(cores, len(jobs)), mp_context=fresh) as pool:
-        waiting = [pool.submit(run_one, job) for job in jobs]
-        try:
-            for done in as_completed(waiting):
-                yield done.result()
-        finally:
-            for job in waiting:
-                job.cancel()
+    with local_processes(min(cores, len(jobs))) as pool:
+        for done in as_completed([pool.submit(run_one, job) for job in jobs]):
+            yield done.result()
 
 
 def run_on_cluster(jobs: Sequence[SweepJob], address: str) -> Iterator[SweepRow]:
     """Runs on an existing Dask cluster, whose workers have this package.
 
     Raises:
-        BadInput: Dask is not installed here, or no scheduler answers at the address.
+        BadInput: Dask is not installed here, no scheduler answers at the address, or its workers cannot be used.
+        WorkerLost: The cluster lost its workers before all runs were done.
     """
-    try:
-        distributed: Any = import_module("distributed")
-    except ImportError:
-        raise BadInput(
-            "--scheduler needs Dask, which is not installed (valid: pip install 'impedance-modules[cluster]', or"
-            " leave --scheduler out to use this machine's cores)"
-        ) from None
-    try:
-        client = distributed.Client(address, timeout=CONNECTING)
-    except (OSError, ValueError) as error:
-        raise BadInput(
-            f"--scheduler {address}: no Dask scheduler answers there ({error}) (valid: the address that"
-            " `dask scheduler` prints, e.g. tcp://192.168.0.2:8786)"
-        ) from None
-    with client:
+    with cluster(address) as client:
         waiting = client.map(run_one, list(jobs), pure=False)
         try:
-            for done in distributed.as_completed(waiting):
-                yield done.result()
+            yield from as_each_is_done(waiting)
         finally:
             client.cancel(waiting)

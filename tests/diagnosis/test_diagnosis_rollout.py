@@ -24,7 +24,7 @@ from impedance_modules.errors import BadInput
 from impedance_modules.plant.plant import Plant, PlantOptions
 from impedance_modules.plant.rollout_plant import RolloutPlant, RolloutStart
 from impedance_modules.robot.model import RobotModel
-from impedance_modules.spec.patch_file import EffectSpec, PatchQuantity
+from impedance_modules.spec.patch_file import EffectSpec, PatchQuantity, read_patch
 from impedance_modules.spec.schema import load_schema
 from tests.diagnosis import test_diagnosis as pendulum
 from tests.diagnosis.test_diagnosis import diagnosed
@@ -97,6 +97,35 @@ def test_with_the_patch_applied_neither_torque_nor_rollout_shows_the_gap(viscous
     assert not causes(again, "viscous_friction", "port_lift")
     first, second = (f["gap"]["rollout"]["per_joint"]["port_lift"]["position"] for f in (found, again))
     assert second["before"] < 0.05 * first["before"]
+
+
+@pytest.mark.parametrize(
+    ("truth", "stated"),
+    [
+        (
+            patch_text("bench_spring", "contact", "port_lift", k=(12.0, "N.m/rad"), q0=(-0.3, "rad")),
+            "bench_spring",
+        ),
+        (
+            patch_text("parallel_spring", "link", "port_lift", k=(12.0, "N.m/rad"), q0=(-0.3, "rad")),
+            "parallel_spring",
+        ),
+    ],
+)
+def test_the_patch_of_a_spring_says_whether_the_robot_carries_it(
+    tmp_path: Path, robot: Path, truth: str, stated: str
+) -> None:
+    """The robot carries its own weight. A spring that it knows, it carries, too; one outside would change nothing."""
+    logs, patch = record(tmp_path, robot, truth), tmp_path / "found.yaml"
+    _, found = diagnosed(tmp_path, *logs, "--robot", robot, "--patch", patch)
+    (cause,) = causes(found, "parallel_spring", "port_lift")
+    assert [entry.effect for entry in read_patch(patch).effects] == [stated]
+    _, again = diagnosed(tmp_path, *logs, "--robot", robot, "--effects", patch)
+    assert not causes(again, "parallel_spring", "port_lift")
+    if stated == "bench_spring":
+        assert cause["rollout"]["verdict"] == "helps"
+        first, second = (f["gap"]["rollout"]["per_joint"]["port_lift"]["position"] for f in (found, again))
+        assert second["before"] < 0.05 * first["before"]
 
 
 def test_causes_are_relative_to_numbers_that_a_patch_replaces(tmp_path: Path, robot: Path) -> None:

@@ -42,10 +42,11 @@ def merged(monkeypatch):
 
     monkeypatch.setattr(backward_elimination, "try_term", try_term)
 
-    def run(model: list, loss: float, grid=GRID) -> list[tuple[str, str, float]]:
+    def run(model: list, loss: float, grid=GRID, mixed: float = 0.0) -> list[tuple[str, str, float]]:
         def make(chosen):
             lags = sum(one.key[0] == "actuator_lag" for one in chosen)
-            left = np.array([100.0, 50.0 - 4.0 * loss * lags])
+            less = 4.0 * mixed if lags in (1, len(chosen)) else 0.0
+            left = np.array([100.0, 50.0 - 4.0 * loss * lags - less])
             return SimpleNamespace(
                 model=chosen, left=left, weights=WEIGHTS, design=SimpleNamespace(layouts=grid)
             )
@@ -92,3 +93,14 @@ def test_without_a_common_reason_nothing_is_merged(merged, model) -> None:
 
 def test_without_a_delay_among_the_candidates_a_lag_stays(merged) -> None:
     assert merged(DELAYED, 0.0, GRID[2:]) == given(DELAYED)
+
+
+def test_lags_are_exchanged_together_where_each_alone_would_lose(merged):
+    joints = "cd"
+    model = [
+        term("command_delay", "a"),
+        term("command_delay", "b"),
+        *(term("actuator_lag", j) for j in joints),
+    ]
+    found = merged(model, loss=1.0, mixed=-100.0)
+    assert [name for name, _, _ in found] == ["command_delay"] * 4

@@ -285,5 +285,9 @@ def test_the_recording_tells_whether_the_robot_carries_a_spring(carried: bool) -
     at_link = torque("link")
     assert np.abs(at_link).max() > 3.0
     assert np.allclose(torque("actuator"), -at_link if carried else 0.0, atol=1e-12)
+    found, site = spring.coefficients(numbers, Site(signals, S + "lift", L))[1], Site(signals, S + "lift", L)
+    assert spring.is_outside(found, site) is not carried
+    unsaid = Site(replace(signals, assistance=None), S + "lift", L)
+    assert not spring.is_outside(found, unsaid)
     # Where no effort was recorded, a spring that the robot carries does not show, and nobody can have found it.
     assert np.allclose(torque("whole", replace(signals, effort=None)), at_link, atol=1e-12)

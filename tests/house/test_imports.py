@@ -13,7 +13,8 @@ from tests.support.paths import CHECKOUT
 PACKAGE = CHECKOUT / "impedance_modules"
 
 ORDER = (
-    "errors", "extras installed input_files strict_json plain_figures compiled records machine_code", "spec", "robot",
+    "errors", "extras installed input_files strict_json plain_figures worker_processes compiled records machine_code",
+    "spec", "robot",
     "effects modules", "superposition export", "new_robot safety plant episode", "backends", "control",
     "prediction streaming", "runs", "tools diagnosis", "api", "cli",
 )  # fmt: skip
@@ -38,6 +39,7 @@ ALLOWED_IN = {
     "pylibfranka": {"backends"}, "rclpy": {"backends"},
     "daqp": {"safety"}, "proxsuite": {"safety"}, "qpsolvers": {"safety"}, "click": {"cli"},
     "rerun": {"episode"}, "pyarrow": {"episode"}, "jsonschema": {"spec"}, "yaml": {"spec"}, "zmq": {"streaming"},
+    "distributed": {"worker_processes"}, "dask": {"worker_processes"},
 }  # fmt: skip
 
 ADAPTER = PACKAGE / "backends" / "baxter"

@@ -204,6 +204,8 @@ DIAGNOSIS = (
         *(0, 6),
     ),
     c("diagnose pendulum --urdf pendulum/robot.urdf --effects answer.yaml", 0),
+    c("diagnose pendulum --urdf pendulum/robot.urdf --jobs 2", 0, 6),
+    c("diagnose pendulum --urdf pendulum/robot.urdf --scheduler nowhere://x", 2),
     c("probe answer.json --urdf pendulum/robot.urdf --out pendulum-next"),
     c("diagnose tone --urdf pendulum/robot.urdf --tolerance 0 --report tone.html --json tone.json", 5),
     c("diagnose tone --urdf pendulum/robot.urdf", 0, 5),

@@ -106,7 +106,7 @@ def test_without_dask_or_a_scheduler_the_remedy_is_named(monkeypatch: pytest.Mon
     with pytest.raises(BadInput, match="pip install"):
         list(run_on_cluster(jobs, "tcp://127.0.0.1:1"))
     monkeypatch.undo()
-    monkeypatch.setattr("impedance_modules.tools.sweep_runs.CONNECTING", 0.5)
+    monkeypatch.setattr("impedance_modules.worker_processes.CONNECTING", 0.5)
     with pytest.raises(BadInput, match="no Dask scheduler answers"):
         list(run_on_cluster(jobs, "tcp://127.0.0.1:1"))
 

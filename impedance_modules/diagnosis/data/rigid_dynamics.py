@@ -12,6 +12,8 @@ with gravity as an acceleration of the base. Each wrench is kept as a matrix ove
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -74,13 +76,14 @@ class BatchedRigidModel(RigidModel):
         links = [item.link for item in self.tree.bodies]
         return self.tree.bodies[links.index(link)].own if link in links else super().link_inertia(link)
 
-    def keep(self) -> None:
-        """Keeps the regressor (N, n, 10 n) of the motion that is used next, until `forget`."""
+    @contextmanager
+    def remembering(self) -> Iterator[None]:
+        """Keeps the regressor (N, n, 10 n) of the motion that is used next; it is too large to be kept for longer."""
         self._keeping = True
-
-    def forget(self) -> None:
-        """Releases the memory of the kept regressor."""
-        self._kept, self._keeping = None, False
+        try:
+            yield
+        finally:
+            self._kept, self._keeping = None, False
 
     def _whole(self, q: Array, v: Array, a: Array) -> Array:
         motion = (q, v, a)

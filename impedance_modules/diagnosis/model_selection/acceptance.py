@@ -14,9 +14,10 @@ from impedance_modules.diagnosis.regression.design_matrix import ColumnLayout
 SAME_REACH = 0.95
 """Candidates that explain this part of what the best one does are as good; the one with the lower penalty is taken."""
 
-IN_PROPORTION = 0.99
-"""A body that is heavier in proportion, one number, is taken before a thing at a place of its own, if it explains this
-part of what that explains: near its own centre a link's errors make up for the penalty of the place."""
+ALMOST_ALL = 0.99
+"""Part of what a candidate explains that another must explain to be taken before it for what it is: a body that is
+heavier in proportion before a thing at a place of its own (near its centre a link's errors make up for the penalty of
+the place), a law of the motion before what follows the tracking error."""
 
 RICHER = 4.0
 """Log-likelihood, less its penalty, by which a law must beat a simpler one that it contains [nats]."""
@@ -67,7 +68,9 @@ def promising(entries: Sequence[ScreenedCandidate], most: int) -> list[ColumnLay
 def by_merit(trials: Sequence[CandidateTrial]) -> list[CandidateTrial]:
     """Sorts trials by what they explain; of those that explain the same, the one with the lowest penalty.
 
-    A law that contains a simpler one on the same joint comes before it only where it is clearly better.
+    A law that contains a simpler one on the same joint comes before it only where it is clearly better. A controller
+    answers any disturbance with a tracking error that looks like it: what follows the error comes after the laws of the
+    motion that explain the same.
     """
     left = sorted(trials, key=lambda item: -item.reach)
     out: list[CandidateTrial] = []
@@ -80,6 +83,8 @@ def by_merit(trials: Sequence[CandidateTrial]) -> list[CandidateTrial]:
             if _within(item, chosen) and penalised_gain(item) > penalised_gain(chosen) - RICHER
         ]
         chosen = max(simpler, key=penalised_gain, default=chosen)
+        disturbing = [item for item in near if _moves_the_error(item, chosen)]
+        chosen = max(disturbing, key=penalised_gain, default=chosen)
         heavier = [item for item in near if _in_proportion(item, chosen)]
         chosen = max(heavier, key=penalised_gain, default=chosen)
         out.append(chosen)
@@ -166,6 +171,14 @@ def _within(one: CandidateTrial, other: CandidateTrial) -> bool:
     return less < more
 
 
+def _moves_the_error(one: CandidateTrial, other: CandidateTrial) -> bool:
+    """Whether one is a law of the motion on the same joint where the other follows its tracking error."""
+    if one.term.generic or other.term.generic or one.term.key[1] != other.term.key[1]:
+        return False
+    after, before = (item.term.candidate.effect.of_tracking_error for item in (other, one))
+    return after and not before and one.reach >= ALMOST_ALL * other.reach
+
+
 def _in_proportion(one: CandidateTrial, other: CandidateTrial) -> bool:
     """Whether one is a body's weight in proportion, and does as well as another change of that body."""
     if one.term.generic or other.term.generic or one.term.key[1] != other.term.key[1]:
@@ -173,7 +186,7 @@ def _in_proportion(one: CandidateTrial, other: CandidateTrial) -> bool:
     keys = [trial.term.candidate.effect.description.keys for trial in (one, other)]
     if not all("body" in key for key in keys) or one.term.layout.free > 1 or other.term.layout.free <= 1:
         return False
-    return one.reach >= IN_PROPORTION * other.reach
+    return one.reach >= ALMOST_ALL * other.reach
 
 
 def _brief(trial: CandidateTrial) -> bool:

@@ -76,17 +76,33 @@ def merge_delays(
     delayed = {term.key[1] for term in kept if _shared_delay(term.candidate.effect)}
     if len(delaying) < JOINTS_MIN or not delayed:
         return kept
-    for index, term in enumerate(model):
-        effect = term.candidate.effect
-        if not effect.delays_torque or effect.shared_by_joints or term.key[1] in delayed:
-            continue
-        better = _delay(kept, term, make, refiner)
-        if better is None:
-            continue
-        old, new = make(kept), make([*kept[:index], better, *kept[index + 1 :]])
-        if 0.5 * float((new.left - old.left) @ old.weights) <= LOSS_MAX:
-            kept[index] = better
+    lags = [
+        term
+        for term in kept
+        if term.candidate.effect.delays_torque
+        and not term.candidate.effect.shared_by_joints
+        and term.key[1] not in delayed
+    ]
+    # Together first: the stamps' common error makes up for one joint's delay that is taken alone for a lag.
+    for some in (lags, *([lag] for lag in lags)):
+        kept = _delayed_as_well(kept, some, make, refiner)
     return kept
+
+
+def _delayed_as_well(
+    model: list[ModelTerm],
+    lags: Sequence[ModelTerm],
+    make: Callable[[Sequence[ModelTerm]], ModelFit],
+    refiner: ShapeRefiner,
+) -> list[ModelTerm]:
+    """The model with delays in place of some lags that it still has, if that explains about as much."""
+    left = [lag for lag in lags if lag in model]
+    delays = {id(lag): _delay(model, lag, make, refiner) for lag in left}
+    if not left or None in delays.values():
+        return model
+    changed = [delays.get(id(term)) or term for term in model]
+    old, new = make(model), make(changed)
+    return changed if 0.5 * float((new.left - old.left) @ old.weights) <= LOSS_MAX else model
 
 
 def _without(model: Sequence[ModelTerm], *terms: ModelTerm) -> list[ModelTerm]:

@@ -23,6 +23,7 @@ from impedance_modules.diagnosis.model_selection.external_pushes import (
     rows_without_pushes,
 )
 from impedance_modules.diagnosis.model_selection.forward_selection import Selection, Selector
+from impedance_modules.diagnosis.model_selection.reversals import reversal_note, rows_without_reversals
 from impedance_modules.diagnosis.regression.candidates import (
     CandidateRegressor,
     candidate_regressors,
@@ -59,6 +60,7 @@ from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.external_contact import ExternalContact
 from impedance_modules.effects.recorded_signals import Signals
+from impedance_modules.worker_processes import OrderedMap, map_here
 
 Progress = Callable[[str], None]
 """Called with a sentence for each step."""
@@ -76,6 +78,7 @@ def search_causes(
     model: NominalModel,
     without: Collection[str],
     progress: Progress,
+    each: OrderedMap = map_here,
 ) -> Evidence:
     """Finds the causes of the residuals of all recordings.
 
@@ -85,10 +88,12 @@ def search_causes(
         model: The nominal model.
         without: Ids of effects that are left out of the catalogue.
         progress: Called with a sentence for each step.
+        each: Where recordings are worked on, one by one.
     """
-    selector = _selector(prepared, split, model, without)
+    selector = _selector(prepared, split, model, without, each)
     progress("searching")
     found = selector.run(progress)
+    selector, found, notes = _without_reversals(selector, found, prepared, progress)
     pushes: tuple[ExternalPush, ...] = ()
     if ExternalContact.description.id not in without:
         selector, found, pushes = _without_pushes(selector, found, prepared, progress)
@@ -99,11 +104,15 @@ def search_causes(
         # With the causes known, differences between repeated motions no longer raise the noise floor.
         left = [plain.left(model_fit, r) for r in range(len(prepared))]
         floor = noise_by_repeats(left, prepared, selector.design.nuisance, pairs, floor.clear)
-    return Evidence(selector, split.heldout, prepared, model_fit, floor, plain, found.refusal, pushes)
+    return Evidence(selector, split.heldout, prepared, model_fit, floor, plain, found.refusal, pushes, notes)
 
 
 def _selector(
-    prepared: tuple[Prepared, ...], split: DataSplit, model: NominalModel, without: Collection[str]
+    prepared: tuple[Prepared, ...],
+    split: DataSplit,
+    model: NominalModel,
+    without: Collection[str],
+    each: OrderedMap,
 ) -> Selector:
     """Builds the columns of all candidates, the noise floor and the design; rows in contact are masked."""
     signals = _cleaned(prepared, split)
@@ -116,7 +125,7 @@ def _selector(
     ]
     residuals = list(prepared[0].residuals)
     generic = generic_basis(prepared, residuals)
-    regressors = candidate_regressors(shaped, prepared, signals, residuals)
+    regressors = candidate_regressors(shaped, prepared, signals, residuals, each)
     nuisance = build_nuisance(prepared, model.tree.inertia)
     raw = [[item.residuals[name][:, joint] for name, joint in nuisance.groups] for item in prepared]
     mask = rows_of_link_residuals(contact_free_rows(prepared), nuisance.groups)
@@ -136,6 +145,19 @@ def _cleaned(prepared: Sequence[Prepared], split: DataSplit) -> list[Signals]:
     noise = noise_of_repeats(prepared, pairs, lambda signals: signals.drive)
     flicker = noise_of_repeats(prepared, pairs, lambda signals: signals.effort)
     return [clean_signals(with_stationary_joints(item.signals), noise, flicker) for item in prepared]
+
+
+def _without_reversals(
+    selector: Selector, found: Selection, prepared: Sequence[Prepared], progress: Progress
+) -> tuple[Selector, Selection, tuple[str, ...]]:
+    """Repeats the search without the rows in which dry friction is not understood, and says so; else as given."""
+    sliding = rows_without_reversals(found.causes, selector.model_fit, prepared)
+    if not sliding:
+        return selector, found, ()
+    progress("masking reversals")
+    design = selector.design
+    masked = selector.on(design.without(intersect_masks(design.whitening.clear, sliding)))
+    return masked, masked.run(progress), reversal_note(sliding, prepared, design.groups)
 
 
 def _without_pushes(

@@ -258,6 +258,7 @@ def _cause(evidence: Evidence, term: ModelTerm, gain: float) -> Cause:
         position_range=_range(evidence, candidate, "position"),
         velocity_range=_range(evidence, candidate, "velocity"),
         standing=standing,
+        outside=candidate.effect.is_outside(term.shaped.shape, candidate.site(evidence.prepared[0].signals)),
     )
 
 
@@ -292,6 +293,7 @@ def _merge(one: Cause, other: Cause) -> Cause:
         position_range={**one.position_range, **other.position_range},
         velocity_range={**one.velocity_range, **other.velocity_range},
         standing=one.standing.least(other.standing),
+        outside=one.outside and other.outside,
     )
 
 

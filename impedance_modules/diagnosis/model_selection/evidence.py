@@ -44,6 +44,7 @@ class Evidence:
         plain: The fit in its own units, not whitened.
         refusal: Why the next best candidate was not accepted.
         pushes: External pushes; their rows are masked everywhere.
+        notes: What the search left out, a sentence each.
     """
 
     selector: Selector
@@ -54,6 +55,7 @@ class Evidence:
     plain: UnwhitenedFit
     refusal: Refusal | None
     pushes: tuple[ExternalPush, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @property
     def design(self) -> Design:

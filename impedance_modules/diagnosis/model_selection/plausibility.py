@@ -16,7 +16,6 @@ from impedance_modules.diagnosis.model_selection.instruments import SLOW, comes_
 from impedance_modules.diagnosis.regression.model_fit import PRIOR_MAX, ModelTerm
 from impedance_modules.diagnosis.regression.noise_floor import repeat_pairs
 from impedance_modules.diagnosis.residuals.preparation import Prepared
-from impedance_modules.effects.effect import JointLaw
 from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.effects.residual_kinds import EFFORT_SIGN
 
@@ -135,7 +134,7 @@ def _moves_nuisance(trial: CandidateTrial) -> bool:
 def _contains_law(one: ModelTerm, other: ModelTerm) -> bool:
     """Whether one law of friction has the other's numbers among its own: they would share them out at will."""
     laws = [term.candidate.effect for term in (one, other)]
-    if one.key[1:] != other.key[1:] or not all(isinstance(law, JointLaw) and law.dry for law in laws):
+    if one.key[1:] != other.key[1:] or not all(law.dry for law in laws):
         return False
     more, less = (set(law.description.symbols) for law in laws)
     return more > less

@@ -23,21 +23,18 @@ from impedance_modules.diagnosis.result import Rival, Standing
 ASKED = 8
 """Rivals that are tried beside each cause."""
 
-EQUAL_SIGMA = 3.0
-"""Fewer standard errors than this between two candidates: the recordings cannot tell them apart ..."""
+EQUAL_LOSS = 0.05
+"""Part of the power that a cause explains which an equivalent may explain less."""
 
-EQUAL_LOSS = 0.01
-"""... if also no more than this part of the explained power lies between them."""
+DECIDED = 5.0
+"""Penalised log-likelihood by which a cause must lie ahead of a rival [nats]: odds of 150 to one, very strong evidence
+(Kass & Raftery 1995)."""
 
-DECIDED = 15.0
-"""Log-likelihood by which a cause must lie ahead [nats], standard errors too, where hardly any power does."""
-
-DECISIVE = 150.0
-"""Log-likelihood [nats] beyond which a few moments may make the difference: they are enough, where more than
-`EQUAL_LOSS` of the power lies between."""
+DELAYS_SIGMA = 3.0
+"""Standard errors by which a delay must lie ahead of a lag, or a lag of a delay ..."""
 
 DELAYS_DECIDED = 7.5
-"""Log-likelihood by which a delay must lie ahead of a lag, or a lag of a delay, and by `EQUAL_SIGMA` too [nats]."""
+"""... and log-likelihood, too [nats]."""
 
 
 def judge_rivals(
@@ -66,7 +63,7 @@ def judge_rivals(
         other = not same_name(candidate, term.candidate)
         if (
             other
-            and (_equal(own, rival) or _equal_refitted(own, rival))
+            and _equal(own, rival)
             and (selector.plausibility.unphysical(rival) is None or _open(rival, own))
         ):
             equal.append(_named(candidate, "fits unseen recordings as well"))
@@ -105,32 +102,30 @@ def _named(candidate: Candidate, reason: str) -> Rival:
 
 
 def _equal(own: CandidateTrial, rival: CandidateTrial) -> bool:
+    """Whether nothing decides between a cause and a rival that explains about as much power.
+
+    A trial keeps the weights of the model without the cause. Where the gap is large they are small, and the links'
+    errors stay within a prior that nothing moves: a cause that can imitate these errors too, a load beside a constant
+    torque, would seem ahead by what the nuisance explains as soon as the gap is closed. So a cause must be ahead in the
+    trial and once everything is fitted beside each of the two.
+    """
     groups = own.term.groups
     mine, its = own.reach_on(groups), rival.reach_on(groups)
     if mine <= 0.0 or (contains(rival, own) and not _alone(rival, own)):
         return False
-    loss = (mine - its) / mine
-    ahead = own.advantage(rival) >= EQUAL_SIGMA
     if both_delay_torque(own, rival):
+        ahead = own.advantage(rival) >= DELAYS_SIGMA
         return not (ahead and own.gain - rival.gain > DELAYS_DECIDED)
-    if loss < EQUAL_LOSS:
-        return not (ahead and own.gain - rival.gain > DECIDED)
-    return loss < 5.0 * EQUAL_LOSS and not ahead and own.gain - rival.gain < DECISIVE
-
-
-def _equal_refitted(own: CandidateTrial, rival: CandidateTrial) -> bool:
-    """Whether a rival that is as good a part of the power is so by its evidence, too, once all is fitted beside it.
-
-    A trial keeps the weights of the model without the cause. Where the gap is large they are small, and the links'
-    errors stay within a prior that nothing moves: a cause that can imitate these errors too, a load beside a constant
-    torque, would seem ahead by what the nuisance explains as soon as the gap is closed.
-    """
-    groups = own.term.groups
-    mine, its = own.reach_on(groups), rival.reach_on(groups)
-    if mine <= 0.0 or contains(rival, own) or mine - its >= EQUAL_LOSS * mine:
+    if its < (1.0 - EQUAL_LOSS) * mine:
         return False
-    first, second = (_refitted(trial) for trial in (own, rival))
-    return _log_likelihood(first) - bic_penalty(own) <= _log_likelihood(second) - bic_penalty(rival) + DECIDED
+    if penalised_gain(own) - penalised_gain(rival) < DECIDED:
+        return True
+    return _refitted_gain(own) - _refitted_gain(rival) < DECIDED
+
+
+def _refitted_gain(trial: CandidateTrial) -> float:
+    """Penalised log-likelihood of the model with a candidate, everything fitted anew [nats]."""
+    return _log_likelihood(_refitted(trial)) - bic_penalty(trial)
 
 
 def _refitted(trial: CandidateTrial) -> ModelFit:
@@ -146,14 +141,17 @@ def _log_likelihood(model_fit: ModelFit) -> float:
 
 
 def _alone(rival: CandidateTrial, own: CandidateTrial) -> bool:
-    """Whether what makes the rival more than the cause does as well by itself: then neither can be told apart."""
-    rows = np.array(rival.term.candidate.effect.contrasts)
-    if rows.size == 0 or not np.all(np.count_nonzero(rows, axis=1) == 1):
+    """Whether what makes the rival more than the cause does as well by itself: then neither can be told apart.
+
+    Dry friction that falls with the speed does not exist by itself: it would fall to nothing.
+    """
+    effect = rival.term.candidate.effect
+    rows = np.array(effect.contrasts)
+    if effect.dry or rows.size == 0 or not np.all(np.count_nonzero(rows, axis=1) == 1):
         return False
     kept = np.flatnonzero(rows.any(axis=0))
     part = try_term(rival.model_fit, part_of(rival.term, kept))
-    mine, its = own.reach_on(own.term.groups), part.reach_on(own.term.groups)
-    return mine - its < EQUAL_LOSS * mine
+    return penalised_gain(own) - penalised_gain(part) < DECIDED
 
 
 def _open(rival: CandidateTrial, own: CandidateTrial) -> bool:

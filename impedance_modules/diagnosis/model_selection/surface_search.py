@@ -20,7 +20,6 @@ from impedance_modules.diagnosis.model_selection.acceptance import BIC_MIN
 from impedance_modules.diagnosis.model_selection.cause_search import SIGMA
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.model_selection.lack_of_fit import SYSTEMATIC
-from impedance_modules.diagnosis.model_selection.rivals import DECIDED
 from impedance_modules.diagnosis.regression.contact_fit import (
     ContactFit,
     Number,
@@ -48,6 +47,9 @@ EFFECT_OF: Mapping[str, str] = {
     if isinstance(effect, SurfaceEffect)
 }
 """Symbol of a surface's number -> the effect that changes it."""
+
+LEAD_MIN = 30.0
+"""Deviance by which a number of a surface must lie ahead of another: errors of the positions make it large."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,11 +82,11 @@ class ContactResult:
 
     def rivals(self, number: Number) -> tuple[Number, ...]:
         """Other numbers that explain nearly as much in the place of one."""
-        return tuple(other for other, lead in self.leads[number].items() if lead < 2.0 * DECIDED)
+        return tuple(other for other, lead in self.leads[number].items() if lead < LEAD_MIN)
 
     def standing(self, number: Number) -> Standing:
         """How far a number stands out; a deviance is twice a log-likelihood."""
-        beaten = [lead for lead in self.leads[number].values() if lead >= 2.0 * DECIDED]
+        beaten = [lead for lead in self.leads[number].values() if lead >= LEAD_MIN]
         return Standing(0.5 * self.gains[number], 0.5 * min([self.gains[number], *beaten]))
 
 

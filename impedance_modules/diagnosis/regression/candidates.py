@@ -9,18 +9,23 @@ one by one, at the recordings' full rate, and filtered and thinned many at a tim
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.arrays import Array
+from impedance_modules.diagnosis.data.rigid_dynamics import BatchedRigidModel
+from impedance_modules.diagnosis.residuals.band import Band
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.effects.effect import Effect
 from impedance_modules.effects.effect_description import KeyKind, Port
 from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.effects.regressor import PAIR, Site
 from impedance_modules.effects.residual_kinds import Residual
+from impedance_modules.worker_processes import OrderedMap, map_here
 
 Thin = NDArray[np.float32]
 
@@ -90,6 +95,10 @@ class ShapedCandidate:
         return self.size + self.fixed
 
 
+Shaped = tuple[Candidate, Mapping[str, float]]
+"""A candidate and the values of what enters nonlinearly."""
+
+
 def list_candidates(
     catalogue: Mapping[str, Effect], prepared: Sequence[Prepared], without: Collection[str]
 ) -> tuple[Candidate, ...]:
@@ -153,6 +162,22 @@ def columns_of(
     return Columns(blocks, fixed, *bounds)
 
 
+@dataclass(frozen=True, eq=False)
+class ThinnedColumns:
+    """A shaped candidate on one recording, in its band.
+
+    Attributes:
+        blocks: Group -> (M, p) thinned, or (M, p + 1) as in `Columns`.
+        fixed: Whether there is a part without a coefficient.
+        lower, upper: (p,) physical bounds of the coefficients.
+    """
+
+    blocks: dict[Group, Thin]
+    fixed: bool
+    lower: Array
+    upper: Array
+
+
 @dataclass(eq=False)
 class CandidateRegressor:
     """A shaped candidate's columns, filled in recording by recording.
@@ -174,6 +199,13 @@ class CandidateRegressor:
     lower: Array = field(default_factory=lambda: np.zeros(0))
     upper: Array = field(default_factory=lambda: np.zeros(0))
 
+    def append(self, found: ThinnedColumns | None) -> None:
+        """Takes the columns of the next recording; None where it shows in no residual there."""
+        self.blocks.append({} if found is None else found.blocks)
+        if found is not None:
+            self.lower, self.upper = found.lower, found.upper
+            self.fixed = self.fixed or found.fixed
+
     @property
     def width(self) -> int:
         """Number of columns."""
@@ -183,9 +215,9 @@ class CandidateRegressor:
 class BatchFilter:
     """Filters columns of many candidates at once and hands them back to their regressors."""
 
-    def __init__(self, item: Prepared) -> None:
-        """Takes the recording whose band counts."""
-        self._item = item
+    def __init__(self, band: Band) -> None:
+        """Takes the band of a recording."""
+        self._band = band
         self._waiting: list[tuple[dict[Group, Thin], Group, Thin]] = []
         self._size = 0
 
@@ -201,19 +233,21 @@ class BatchFilter:
         if not self._waiting:
             return
         whole = np.concatenate([block for _, _, block in self._waiting], axis=1)
-        thinned: Thin = self._item.band.condense(whole)
+        thinned: Thin = self._band.condense(whole)
         first = 0
         for into, group, block in self._waiting:
-            into[group] = thinned[:, first : first + block.shape[1]]
+            # A block of its own, and laid out as one that another process has sent: sums have the same order.
+            into[group] = np.ascontiguousarray(thinned[:, first : first + block.shape[1]])
             first += block.shape[1]
         self._waiting, self._size = [], 0
 
 
 def candidate_regressors(
-    shaped: Sequence[tuple[Candidate, Mapping[str, float]]],
+    shaped: Sequence[Shaped],
     prepared: Sequence[Prepared],
     signals: Sequence[Signals],
     residuals: Sequence[Residual],
+    each: OrderedMap = map_here,
 ) -> list[CandidateRegressor]:
     """Evaluates shapes of candidates on all recordings; what shows in no residual is left out.
 
@@ -222,25 +256,39 @@ def candidate_regressors(
         prepared: The recordings.
         signals: Theirs, as columns may use them (`clean_signals`).
         residuals: That exist.
+        each: Where recordings are worked on, one by one.
     """
     regressors = [
         CandidateRegressor(candidate, shape, (candidate.effect.id, candidate.key, candidate.port))
         for candidate, shape in shaped
     ]
-    for item, own in zip(prepared, signals, strict=True):
-        batch = BatchFilter(item)
-        with item.remembered():
-            for regressor, (candidate, shape) in zip(regressors, shaped, strict=True):
-                regressor.blocks.append({})
-                found = columns_of(candidate, shape, own, residuals)
-                if found is None:
-                    continue
-                regressor.lower, regressor.upper = found.lower, found.upper
-                regressor.fixed = regressor.fixed or found.fixed
-                for group, block in found.blocks.items():
-                    batch.add(regressor.blocks[-1], group, block)
-        batch.flush()
+    recordings = zip((item.band for item in prepared), signals, strict=True)
+    for columns in each(partial(thinned_columns, shaped, residuals), recordings):
+        for regressor, found in zip(regressors, columns, strict=True):
+            regressor.append(found)
     return [_squared(regressor) for regressor in regressors if regressor.lower.size]
+
+
+def thinned_columns(
+    shaped: Sequence[Shaped], residuals: Sequence[Residual], recording: tuple[Band, Signals]
+) -> list[ThinnedColumns | None]:
+    """Evaluates shapes of candidates on one recording; None for those that show in no residual."""
+    band, signals = recording
+    batch = BatchFilter(band)
+    out: list[ThinnedColumns | None] = []
+    rigid = signals.model
+    with rigid.remembering() if isinstance(rigid, BatchedRigidModel) else nullcontext():
+        for candidate, shape in shaped:
+            found = columns_of(candidate, shape, signals, residuals)
+            if found is None:
+                out.append(None)
+                continue
+            thinned = ThinnedColumns({}, found.fixed, found.lower, found.upper)
+            for group, block in found.blocks.items():
+                batch.add(thinned.blocks, group, block)
+            out.append(thinned)
+    batch.flush()
+    return out
 
 
 def alike(regressor: CandidateRegressor) -> tuple[object, ...]:

@@ -34,7 +34,7 @@ GENERIC = "generic"
 def generic_basis(prepared: Sequence[Prepared], residuals: Sequence[Residual]) -> list[CandidateRegressor]:
     """Draws the generic regressors of every joint in every residual."""
     regressors: list[CandidateRegressor] = []
-    batches = [BatchFilter(item) for item in prepared]
+    batches = [BatchFilter(item.band) for item in prepared]
     signals = [with_stationary_joints(item.signals) for item in prepared]
     for joint in range(prepared[0].signals.n):
         inputs = [_inputs(own, joint) for own in signals]

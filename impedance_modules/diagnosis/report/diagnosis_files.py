@@ -18,6 +18,7 @@ import numpy as np
 
 import impedance_modules
 from impedance_modules.arrays import Array
+from impedance_modules.diagnosis.patch_entries import patch_entry
 from impedance_modules.diagnosis.result import (
     Cause,
     CauseRollout,
@@ -301,16 +302,17 @@ def _in_patch(cause: Cause) -> bool:
 
 
 def _effect(cause: Cause) -> dict[str, Any]:
+    entry = patch_entry(cause)
     out: dict[str, Any] = {
-        "effect": cause.effect,
-        "joints": list(cause.joints),
-        "port": cause.port,
+        "effect": entry.effect,
+        "joints": list(entry.joints),
+        "port": entry.port,
         "parameters": {
             key: {
                 symbol: {"value": e.value, "unit": e.unit, **({"std": e.std} if math.isfinite(e.std) else {})}
                 for symbol, e in symbols.items()
             }
-            for key, symbols in cause.parameters.items()
+            for key, symbols in entry.parameters.items()
         },
     }
     if cause.position_range:

@@ -9,9 +9,8 @@ differentiated one.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import cast
+from dataclasses import dataclass, fields, replace
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
@@ -39,6 +38,7 @@ from impedance_modules.spec.patch_file import EffectSpec
 
 AppliedEffect = tuple[str, Port, Mapping[str, Mapping[str, float]]]
 """Id of an effect, its port, and key -> symbol -> value."""
+Record = TypeVar("Record", "Prepared", Signals, Log)
 SPRING_ROUNDS = 2
 """Times that a spring's load is computed from the motion of a link that it moves."""
 
@@ -84,17 +84,6 @@ class Prepared:
         """M, the number of samples kept."""
         return len(self.time)
 
-    @contextmanager
-    def remembered(self) -> Iterator[None]:
-        """Keeps the regressor of all bodies while candidates are evaluated; it is too large to be kept for longer."""
-        rigid = self.signals.model
-        if not isinstance(rigid, BatchedRigidModel):
-            yield
-            return
-        rigid.keep()
-        yield
-        rigid.forget()
-
 
 def prepare(
     log: Log,
@@ -121,7 +110,7 @@ def prepare(
         for name, values in _residuals(log, model, signals, torque).items()
     }
     load = effort if effort is not None else torque
-    return Prepared(
+    found = Prepared(
         log=log,
         tree=model.tree,
         band=band,
@@ -145,6 +134,7 @@ def prepare(
         acceleration=band.pick(a),
         load=band.pick(load),
     )
+    return _in_one_piece(found)
 
 
 def _link_position(log: Log, model: NominalModel, band: Band, time: Array, reading: Array) -> Array:
@@ -186,7 +176,7 @@ def _signals(
 ) -> Signals:
     """Inputs of the effects' columns: filtered motion (time, q, v, a), torques, and the drive's parameters."""
     time, q, v, a = motion
-    return Signals(
+    found = Signals(
         model=rigid,
         time=time,
         position=q,
@@ -204,6 +194,7 @@ def _signals(
         encoders=model.encoders,
         deflection_cutoffs=deflection_cutoffs(log),
     )
+    return _in_one_piece(found)
 
 
 def _residuals(log: Log, model: NominalModel, s: Signals, torque: Array) -> dict[Residual, Array]:
@@ -266,7 +257,7 @@ def _thinned(log: Log, common: CommonBand) -> Log:
     def take(values: Array | None) -> Array | None:
         return None if values is None else common.thin(values)
 
-    return Log(
+    thinned = Log(
         name=log.name,
         group=log.group,
         rate=log.rate / common.thinning,
@@ -283,3 +274,13 @@ def _thinned(log: Log, common: CommonBand) -> Log:
         effort_steps=log.effort_steps,
         surroundings=log.surroundings,
     )
+    return _in_one_piece(thinned)
+
+
+def _in_one_piece(record: Record) -> Record:
+    """The same with arrays laid out as another process would send them, which hold no more than their own samples."""
+    values = {place.name: getattr(record, place.name) for place in fields(record)}
+    whole: dict[str, Any] = {
+        name: np.ascontiguousarray(value) for name, value in values.items() if isinstance(value, np.ndarray)
+    }
+    return replace(record, **whole)

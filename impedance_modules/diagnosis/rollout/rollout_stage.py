@@ -6,9 +6,9 @@ A cause that explains torque must also improve the simulated motion; one that wo
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 from impedance_modules.arrays import Array
@@ -35,17 +35,18 @@ from impedance_modules.diagnosis.rollout.simulated_robot import (
     without_endless_joints,
 )
 from impedance_modules.diagnosis.rollout.simulated_windows import (
+    DrivenRecording,
     RolloutWindow,
     WindowErrors,
     choose_drive,
     common_windows,
     floor_windows,
     held_out_windows,
-    simulate_windows,
 )
+from impedance_modules.diagnosis.rollout.simulation import RolloutRobot, Simulation, simulate
 from impedance_modules.errors import BadFile, ImpedanceError
 from impedance_modules.spec.patch_file import EffectSpec
-from impedance_modules.spec.robot_spec import RobotSpec
+from impedance_modules.worker_processes import OrderedMap, map_here
 
 LEAVE_OUT_STEP_MAX = 4
 """To test several causes, each is left out on every second to fourth window only."""
@@ -56,18 +57,15 @@ class _RolloutSet:
     """What all simulations of one diagnosis have in common."""
 
     evidence: Evidence
-    robot: RobotSpec
-    drive: str
+    robot: RolloutRobot
     windows: tuple[RolloutWindow, ...]
     pairs: tuple[tuple[int, int], ...]
+    each: OrderedMap
 
-    def simulate_windows(
-        self, effects: Sequence[EffectSpec], nuisance: FittedNuisance, windows: Sequence[RolloutWindow]
-    ) -> WindowErrors:
-        prepared = self.evidence.prepared
-        return simulate_windows(
-            apply_causes(self.robot, effects, nuisance, prepared[0].tree), self.drive, prepared, windows
-        )
+    def simulate(self, simulations: Sequence[Simulation]) -> Iterator[WindowErrors]:
+        used = sorted({window.recording for simulation in simulations for window in simulation.windows})
+        recordings = {index: DrivenRecording.of(self.evidence.prepared[index]) for index in used}
+        return self.each(partial(simulate, self.robot, recordings), simulations)
 
     @cached_property
     def fitted(self) -> FittedNuisance:
@@ -80,12 +78,12 @@ class _RolloutSet:
             return "repeats", self._repeated(after, common)
         windows = floor_windows(self.evidence.prepared, self.pairs)
         if windows:
-            apart = self.simulate_windows(effects, self.fitted, windows)
+            (apart,) = self.simulate([Simulation(tuple(effects), self.fitted, windows)])
             return "repeats", self._repeated(apart, common_windows(windows, self.pairs))
         held = [self.evidence.prepared[index] for index in self.evidence.heldout]
-        perturbed = apply_causes(self.robot, (), self.fitted, held[0].tree)
+        perturbed = apply_causes(self.robot.spec, (), self.fitted, self.robot.tree)
         return "weak", floor_of_seeds(
-            held, after.time, None if self.drive == "command" else perturbed.squared_mobility
+            held, after.time, None if self.robot.drive == "command" else perturbed.squared_mobility
         )
 
     @staticmethod
@@ -94,7 +92,12 @@ class _RolloutSet:
 
 
 def with_rollouts(
-    found: Diagnosis, evidence: Evidence, model: NominalModel, urdf: Path, known_effects: Sequence[EffectSpec]
+    found: Diagnosis,
+    evidence: Evidence,
+    model: NominalModel,
+    urdf: Path,
+    known_effects: Sequence[EffectSpec],
+    each: OrderedMap = map_here,
 ) -> Diagnosis:
     """Adds the rollouts to a diagnosis; if all causes together worsen them, `explained` is `partly_explained`.
 
@@ -106,8 +109,9 @@ def with_rollouts(
         model: The nominal model.
         urdf: Its links.
         known_effects: Effects of a patch that the nominal model includes.
+        each: Where simulations are computed, one by one.
     """
-    rollout = roll_out(found, evidence, model, urdf, known_effects)
+    rollout = roll_out(found, evidence, model, urdf, known_effects, each)
     causes = tuple(
         replace(cause, rollout=rollout.causes.get((cause.effect, cause.port))) for cause in found.causes
     )
@@ -120,7 +124,12 @@ def with_rollouts(
 
 
 def roll_out(
-    found: Diagnosis, evidence: Evidence, model: NominalModel, urdf: Path, known_effects: Sequence[EffectSpec]
+    found: Diagnosis,
+    evidence: Evidence,
+    model: NominalModel,
+    urdf: Path,
+    known_effects: Sequence[EffectSpec],
+    each: OrderedMap,
 ) -> Rollout:
     """Simulates the held-out recordings without and with the causes."""
     held = [evidence.prepared[index] for index in evidence.heldout]
@@ -134,68 +143,87 @@ def roll_out(
         return no_rollout(LeftOut("all recordings", "the held-out ones are too short for a window"))
     pairs = tuple(pair for pair in _pairs(evidence) if set(pair) <= set(alike))
     with without_endless_joints(urdf) as links:
-        robot = robot_of_model(model, links, drive, held[0].log.gravity_compensation)
-        return _compared(_RolloutSet(evidence, robot, drive, windows, pairs), found.causes, known_effects)
+        spec = robot_of_model(model, links, drive, held[0].log.gravity_compensation)
+        robot = RolloutRobot(spec, links.read_bytes(), held[0].tree, drive)
+        return _compared(_RolloutSet(evidence, robot, windows, pairs, each), found.causes, known_effects)
 
 
 def _compared(runs: _RolloutSet, causes: Sequence[Cause], known_effects: Sequence[EffectSpec]) -> Rollout:
-    base, left_out = effects_to_simulate(known_effects, runs.drive)
+    drive = runs.robot.drive
+    base, left_out = effects_to_simulate(known_effects, drive)
     # A push happened at one time of one recording, and is not simulated.
     specs: dict[tuple[str, str], EffectSpec] = {
         (c.effect, c.port): spec_of_cause(c) for c in causes if c.port != "contact"
     }
-    kept, dropped = effects_to_simulate(tuple(specs.values()), runs.drive)
+    kept, dropped = effects_to_simulate(tuple(specs.values()), drive)
     chosen = {key: spec for key, spec in specs.items() if spec in kept}
     try:
-        before = runs.simulate_windows(base, no_nuisance(runs.evidence.prepared[0].tree), runs.windows)
-        after, chosen, refused = _with_all_causes(runs, base, chosen)
+        chosen, refused = _able(runs, base, chosen)
+        before, after, *without = runs.simulate(_simulations(runs, base, chosen))
         floor, floors = runs.floors(after, (*base, *chosen.values()))
-        verdicts = _verdicts(runs, base, chosen, after, floors)
+        verdicts = _verdicts(runs, chosen, after, floors, without)
     except ImpedanceError as error:
         return no_rollout(LeftOut("all recordings", _reason(error)))
     outcome = BeforeAfter(before, after, floors)
     return summarise(
-        runs.evidence, runs.drive, runs.windows, outcome, floor, verdicts, (*left_out, *dropped, *refused)
+        runs.evidence, drive, runs.windows, outcome, floor, verdicts, (*left_out, *dropped, *refused)
     )
 
 
-def _with_all_causes(
-    runs: _RolloutSet, base: Sequence[EffectSpec], chosen: dict[tuple[str, str], EffectSpec]
-) -> tuple[WindowErrors, dict[tuple[str, str], EffectSpec], tuple[LeftOut, ...]]:
-    """Simulates with all causes that the plant supports together; the others are left out, with the reason."""
+def _able(
+    runs: _RolloutSet, base: Sequence[EffectSpec], chosen: Mapping[tuple[str, str], EffectSpec]
+) -> tuple[dict[tuple[str, str], EffectSpec], tuple[LeftOut, ...]]:
+    """Separates the causes that the plant supports together from the others, with the reason."""
     able: dict[tuple[str, str], EffectSpec] = {}
     refused: list[LeftOut] = []
-    tree = runs.evidence.prepared[0].tree
     for key, spec in chosen.items():
         try:
-            apply_causes(runs.robot, (*base, *able.values(), spec), runs.fitted, tree)
+            apply_causes(runs.robot.spec, (*base, *able.values(), spec), runs.fitted, runs.robot.tree)
         except ImpedanceError as error:
             refused.append(LeftOut(f"{spec.effect} on {', '.join(spec.parameters)}", _reason(error)))
         else:
             able[key] = spec
-    return runs.simulate_windows((*base, *able.values()), runs.fitted, runs.windows), able, tuple(refused)
+    return able, tuple(refused)
+
+
+def _simulations(
+    runs: _RolloutSet, base: Sequence[EffectSpec], chosen: Mapping[tuple[str, str], EffectSpec]
+) -> list[Simulation]:
+    """The simulations without causes, with all of them, and with all but each one on some of the windows."""
+    nominal = no_nuisance(runs.robot.tree)
+    some = runs.windows[:: _step(chosen)]
+    return [
+        Simulation(tuple(base), nominal, runs.windows),
+        Simulation((*base, *chosen.values()), runs.fitted, runs.windows),
+        *(
+            Simulation((*base, *(other for name, other in chosen.items() if name != key)), runs.fitted, some)
+            for key in chosen
+        ),
+    ]
+
+
+def _step(chosen: Mapping[tuple[str, str], EffectSpec]) -> int:
+    """Every so many windows a cause is left out on."""
+    return min(max(1, len(chosen)), LEAVE_OUT_STEP_MAX)
 
 
 def _verdicts(
     runs: _RolloutSet,
-    base: Sequence[EffectSpec],
-    chosen: dict[tuple[str, str], EffectSpec],
+    chosen: Mapping[tuple[str, str], EffectSpec],
     after: WindowErrors,
     floors: tuple[Array, Array],
+    without: Sequence[WindowErrors],
 ) -> dict[tuple[str, str], CauseRollout]:
     """Compares all causes with all but one, for each cause, on the same windows."""
-    every = min(max(1, len(chosen)), LEAVE_OUT_STEP_MAX)
-    some = runs.windows[::every]
+    every = _step(chosen)
     scales = error_scales(after, floors)
     thinned = WindowErrors(after.time, after.position[::every], after.velocity[::every])
-    names = runs.evidence.prepared[0].tree.joints
+    names = runs.robot.tree.joints
     out = {}
-    for key, spec in chosen.items():
-        others = [other for name, other in chosen.items() if name != key]
+    for (key, spec), left in zip(chosen.items(), without, strict=True):
         # A cause is judged at its joints; one without joints at all of them.
         joints = [names.index(joint) for joint in spec.joints] or range(len(names))
-        without = runs.simulate_windows((*base, *others), runs.fitted, some)
-        out[key] = judge(power(without, scales, joints), power(thinned, scales, joints))
+        out[key] = judge(power(left, scales, joints), power(thinned, scales, joints))
     return out
 
 

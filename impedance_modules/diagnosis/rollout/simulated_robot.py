@@ -23,6 +23,7 @@ from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
 from impedance_modules.diagnosis.data.rigid_tree import Body, RigidTree, pseudo_inertia
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
+from impedance_modules.diagnosis.patch_entries import patch_entry
 from impedance_modules.diagnosis.regression.nuisance_columns import (
     INERTIA_PRIOR,
     TIMING_PRIOR,
@@ -142,11 +143,12 @@ def effects_to_simulate(
 
 def spec_of_cause(cause: Cause) -> EffectSpec:
     """Writes a cause as an entry of a patch."""
+    entry = patch_entry(cause)
     parameters = {
         key: {symbol: PatchQuantity(e.value, e.unit, None) for symbol, e in symbols.items()}
-        for key, symbols in cause.parameters.items()
+        for key, symbols in entry.parameters.items()
     }
-    return EffectSpec(cause.effect, cause.joints, cause.port, parameters, {})
+    return EffectSpec(entry.effect, entry.joints, entry.port, parameters, {})
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,17 +12,20 @@ Windows are placed evenly over the held-out recordings, at the same times in tho
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.arrays import Array
+from impedance_modules.diagnosis.data.log import Log
 from impedance_modules.diagnosis.data.rigid_dynamics import gravity_regressor
+from impedance_modules.diagnosis.data.rigid_tree import RigidTree
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.diagnosis.rollout.simulated_robot import PerturbedPlant
 from impedance_modules.effects.joint_motion import JointHistory
+from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.errors import BadInput
 from impedance_modules.plant.rollout_plant import RolloutStart
 
@@ -127,8 +130,31 @@ class WindowErrors:
     velocity: Array
 
 
+@dataclass(frozen=True, eq=False)
+class DrivenRecording:
+    """What a simulation needs of a prepared recording.
+
+    Attributes:
+        log: As recorded.
+        tree: The rigid bodies.
+        signals: Filtered motion and torques.
+    """
+
+    log: Log
+    tree: RigidTree
+    signals: Signals
+
+    @classmethod
+    def of(cls, item: Prepared) -> DrivenRecording:
+        """Leaves out what is needed for the residuals only."""
+        return cls(item.log, item.tree, item.signals)
+
+
 def simulate_windows(
-    perturbed: PerturbedPlant, drive: str, prepared: Sequence[Prepared], windows: Sequence[RolloutWindow]
+    perturbed: PerturbedPlant,
+    drive: str,
+    recordings: Mapping[int, DrivenRecording],
+    windows: Sequence[RolloutWindow],
 ) -> WindowErrors:
     """Simulates every window.
 
@@ -140,7 +166,8 @@ def simulate_windows(
     steps_compared = np.unique(np.linspace(0, steps, COMPARISONS + 1).round().astype(int))[1:]
     order = list(perturbed.order)
     inputs_of = {
-        index: plant_input(prepared[index], drive, perturbed) for index in {w.recording for w in windows}
+        index: plant_input(recordings[index], drive, perturbed)
+        for index in dict.fromkeys(window.recording for window in windows)
     }
     offset = perturbed.applied.sensors.offset
     errors = []
@@ -155,7 +182,7 @@ def simulate_windows(
         with np.errstate(over="ignore", invalid="ignore"):
             q, v = perturbed.plant.roll(inputs.acting(middle), inputs.aimed(middle))
         reported = (q[steps_compared - 1] + offset)[:, order], v[steps_compared - 1][:, order]
-        errors.append(_compare(prepared[window.recording], begin + step * steps_compared, *reported))
+        errors.append(_compare(recordings[window.recording], begin + step * steps_compared, *reported))
     position, velocity = (np.array(part) for part in zip(*errors, strict=True))
     return WindowErrors(
         step * steps_compared, _limited(position, ERROR_MAX), _limited(velocity, ERROR_MAX / WINDOW)
@@ -209,9 +236,9 @@ class PlantInput:
         return np.stack([_at(time, self.time, self.aims[:, k]) for k in range(2)], axis=1)
 
 
-def plant_input(prepared: Prepared, drive: str, perturbed: PerturbedPlant) -> PlantInput:
-    """Turns a prepared recording into the input of one plant."""
-    log, s, sensors = prepared.log, prepared.signals, perturbed.applied.sensors
+def plant_input(recording: DrivenRecording, drive: str, perturbed: PerturbedPlant) -> PlantInput:
+    """Turns a recording into the input of one plant."""
+    log, s, sensors = recording.log, recording.signals, perturbed.applied.sensors
     order = np.argsort(perturbed.order)
     effort = None if s.effort is None else _true_effort(s.effort[:, order], perturbed)
     # Its rate sets the motors' speeds: noise of positions, three times differentiated, would throw them off.
@@ -230,7 +257,7 @@ def plant_input(prepared: Prepared, drive: str, perturbed: PerturbedPlant) -> Pl
         load=sprung,
         load_rate=load_rate,
         command=torque,
-        extra=_unknown_weight(prepared, drive, perturbed)[:, order],
+        extra=_unknown_weight(recording, drive, perturbed)[:, order],
         aims=_aims(log.position_command, log.rate, order),
         delay=perturbed.applied.command_delay + perturbed.nuisance.delay if drive == "command" else 0.0,
     )
@@ -269,12 +296,12 @@ def _leads(perturbed: PerturbedPlant) -> tuple[Array, Array]:
     return at_motor * model.spring_compliance(), at_motor * perturbed.applied.gap
 
 
-def _unknown_weight(prepared: Prepared, drive: str, perturbed: PerturbedPlant) -> Array:
+def _unknown_weight(recording: DrivenRecording, drive: str, perturbed: PerturbedPlant) -> Array:
     """Torque of the robot's own compensation beyond the model's weight (N, n) [N.m]."""
-    s, change = prepared.signals, perturbed.nuisance.weights
-    if drive != "command" or prepared.log.gravity_compensation != "robot" or not change.any():
+    s, change = recording.signals, perturbed.nuisance.weights
+    if drive != "command" or recording.log.gravity_compensation != "robot" or not change.any():
         return np.zeros_like(s.position)
-    return -np.asarray(gravity_regressor(prepared.tree, s.position) @ change)
+    return -np.asarray(gravity_regressor(recording.tree, s.position) @ change)
 
 
 def _true_effort(reported: Array, perturbed: PerturbedPlant) -> Array:
@@ -323,10 +350,12 @@ def _limited(errors: Array, most: float) -> Array:
     return np.clip(np.nan_to_num(errors, nan=most, posinf=most, neginf=-most), -most, most)
 
 
-def _compare(prepared: Prepared, time: Array, position: Array, velocity: Array) -> tuple[Array, Array]:
+def _compare(
+    recording: DrivenRecording, time: Array, position: Array, velocity: Array
+) -> tuple[Array, Array]:
     """Subtracts the recorded position and its filtered velocity, at the times of comparison."""
-    s = prepared.signals
-    measured = [_between(time, s.time, values) for values in (prepared.log.position, s.encoder_velocity)]
+    s = recording.signals
+    measured = [_between(time, s.time, values) for values in (recording.log.position, s.encoder_velocity)]
     return position - measured[0], velocity - measured[1]
 
 
