@@ -119,12 +119,12 @@ def assign_folds(
             raise BadInput("--holdout: every recording is held out (valid: at least one LOG to fit)")
     elif len(groups) > 1:
         motions = sorted(groups.values(), key=lambda found: found[0].name)
-        free = [i for i, found in enumerate(motions) if is_free(found)]
-        if len(free) == 1:
+        only = _only_free(motions, useful, run_in)
+        if only is not None:
+            place, pieces = only
             warnings.append("one motion in free air only: held-out parts are segments of it")
-            pieces = segments_of(motions.pop(free[0]), useful, run_in)
             held = pieces.pop(select_holdout_segment(pieces))
-            return _numbered([*motions, *pieces], held, warnings)
+            return _numbered([*motions[:place], *motions[place + 1 :], *pieces], held, warnings)
         tested = motions.pop(select_holdout(motions))
     else:
         motions, tested = list(groups.values()), []
@@ -132,6 +132,19 @@ def assign_folds(
     if not tested or len(motions) == 1:
         return _segmented(tested, warnings, segments_of(motions[0], useful, run_in))
     return _numbered(motions, tested, warnings)
+
+
+def _only_free(
+    motions: Sequence[Sequence[Log]], useful: float, run_in: float
+) -> tuple[int, list[list[Log]]] | None:
+    """The only motion in free air and its segments; None where there are several, or it is too short to be cut."""
+    free = [i for i, found in enumerate(motions) if is_free(found)]
+    if len(free) != 1:
+        return None
+    try:
+        return free[0], segments_of(motions[free[0]], useful, run_in)
+    except InsufficientData:
+        return None
 
 
 def _segmented(tested: Sequence[Log], warnings: list[str], pieces: list[list[Log]]) -> DataSplit:

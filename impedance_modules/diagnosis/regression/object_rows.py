@@ -137,7 +137,7 @@ def carried_object(item: Prepared, held: TaskObject) -> CarriedObject | None:
         return None
     rows = ~near_marks(item, ~log.carrying)
     if held.picked:
-        rows &= _lifted(item, held.hands[0])
+        rows &= _lifted(item, held.hands[0], log.carrying)
     if not rows.any():
         return None
     origins = np.array([model.place(hand, held.start[None])[0] for hand in held.hands])
@@ -205,9 +205,9 @@ def _condensed(item: Prepared, hand: str) -> Array:
     return item.band.condense(signals.through_springs(columns, range(signals.n), of_accelerations=True))
 
 
-def _lifted(item: Prepared, hand: str) -> Mask:
+def _lifted(item: Prepared, hand: str, carrying: Mask) -> Mask:
     """Rows (M,) in which a hand is away from where it took the object up and from where it lets it go."""
-    marks = np.flatnonzero(item.log.carrying)
+    marks = np.flatnonzero(carrying)
     ends = item.signals.model.place(hand, item.log.position[[marks[0], marks[-1]]])
     place = item.signals.model.place(hand, item.position)
-    return np.all(np.linalg.norm(place[:, None] - ends, axis=2) > STANDING, axis=1)
+    return np.asarray(np.all(np.linalg.norm(place[:, None] - ends, axis=2) > STANDING, axis=1))
