@@ -105,10 +105,6 @@ class ObjectInertia(Effect):
         centre = coefficients[1:] / m if m > 0.0 else np.zeros(3)
         return {"m": m, **dict(zip(CENTRE, map(float, centre), strict=True))}
 
-    def relations(self, values: Values) -> list[str]:
-        """At least one number must be given."""
-        return [] if values else ["gives none of its numbers (m, cx, cy, cz)"]
-
     def apply_to_object(self, held: ObjectSpec, values: Values) -> ObjectSpec:
         """Returns the object as it really is."""
         x, y, z = (float(values.get(name, 0.0)) for name in CENTRE)

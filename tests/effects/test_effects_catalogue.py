@@ -215,7 +215,6 @@ BROKEN = {
     "no water taken along": (entry("added_mass", LINK, CENTRE), "takes no water along"),
     "no drag": (entry("fluid_drag", LINK, CENTRE), "in no direction"),
     "no object": (given_as("object_inertia", LINK, "box", "m", 0.1, "kg"), "'box' is not one"),
-    "nothing of an object": (entry("object_inertia", LINK, {}), "gives none of its numbers"),
     "no surface": (given_as("surface_height", "contact", "table", "dh", 0.1, "m"), "(valid: surface0, surface1)"),
     "wrong port": (entry("viscous_friction", "sensor"), "(valid: actuator, link)"),
     "wrong symbol": (given_as("viscous_friction", LINK, "port_lift", "fx", 1, "1"), "did you mean 'fv'?"),

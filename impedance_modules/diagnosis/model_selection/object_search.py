@@ -41,6 +41,7 @@ from impedance_modules.diagnosis.regression.object_fit import (
 from impedance_modules.diagnosis.regression.object_rows import ObjectRows, object_rows, uncertain_columns
 from impedance_modules.diagnosis.residuals.preparation import Prepared, effect_torque
 from impedance_modules.diagnosis.result import Cause, Diagnosis, Estimate, Rival, Standing
+from impedance_modules.effects.bodies import LinkInertia, Payload
 from impedance_modules.effects.object_inertia import CENTRE, OBJECT_KEY, ObjectInertia
 from impedance_modules.spec.patch_file import EffectSpec
 
@@ -48,7 +49,10 @@ EFFECT = ObjectInertia.description.id
 
 CONFIDENCE = 0.95
 
-RIVALS: tuple[tuple[Free, str], ...] = (("payload", "payload"), ("link", "link_inertia"))
+RIVALS: tuple[tuple[Free, str], ...] = (
+    ("always", Payload.description.id),
+    ("hand", LinkInertia.description.id),
+)
 """What may be taken for the object, and the effect that it is."""
 
 

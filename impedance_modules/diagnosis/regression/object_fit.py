@@ -18,10 +18,10 @@ from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.regression.object_rows import ObjectRows
 from impedance_modules.effects.carried_object import CarriedObject
 
-Free = Literal["nothing", "mass", "centre", "both", "payload", "link"]
+Free = Literal["nothing", "mass", "centre", "both", "always", "hand"]
 """What is free: numbers of the object; or, as rivals, those of a point mass or of any change fixed to the hand."""
 
-SIZE: dict[Free, int] = {"nothing": 0, "mass": 1, "centre": 3, "both": 4, "payload": 4, "link": 10}
+SIZE: dict[Free, int] = {"nothing": 0, "mass": 1, "centre": 3, "both": 4, "always": 4, "hand": 10}
 """How many numbers that are."""
 
 ROUNDS = 4
@@ -107,9 +107,9 @@ def _columns(
 ) -> tuple[Array, Array]:
     """What has no coefficient (R,), and columns (R, p) of what is free; a payload is where the object is, always."""
     fixed = np.zeros(len(rows.target))
-    if free == "link":
+    if free == "hand":
         return fixed, rows.hand
-    if free == "payload":
+    if free == "always":
         return fixed, rows.hand @ place.columns(guess)
     if rows.carried is None:
         return fixed, np.zeros((len(fixed), SIZE[free]))
