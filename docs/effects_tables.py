@@ -40,7 +40,13 @@ ENUM = re.compile(
     r'("Which effect of the catalogue\.",\s*"type": "string",\s*"enum": \[).*?(\n *\])', re.DOTALL
 )
 
-SEARCHED = {"always": "yes", "under_water": "`--under-water`", "in_contact": "in contact", "never": "no"}
+SEARCHED = {
+    "always": "yes",
+    "under_water": "`--under-water`",
+    "in_contact": "in contact",
+    "while_held": "while held",
+    "never": "no",
+}
 
 
 def texts() -> dict[Path, str]:

@@ -21,6 +21,7 @@ KEY_WORDS = {
     "base": "base",
     "log": "log",
     "surface": "surface0, ...",
+    "object": "object, which the hands hold",
 }
 
 

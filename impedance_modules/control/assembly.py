@@ -13,7 +13,7 @@ import numpy as np
 from impedance_modules.arrays import Array
 from impedance_modules.control.adjust import as_taught, scaled, single_arm
 from impedance_modules.control.recorded_paths import Kept, with_recorded_paths
-from impedance_modules.effects.apply import apply_patch, apply_to_surfaces
+from impedance_modules.effects.apply import apply_patch, apply_to_object, apply_to_surfaces
 from impedance_modules.effects.compensate import PatchCompensation, compensate_patch
 from impedance_modules.errors import BadInput
 from impedance_modules.modules.arms import TaskModules, build_modules
@@ -28,7 +28,7 @@ from impedance_modules.safety.motor_port import sensing_deviation, sensing_error
 from impedance_modules.safety.tank_settings import TankSettings
 from impedance_modules.spec.patch_file import PatchSpec, read_patch
 from impedance_modules.spec.robot_spec import RobotSpec
-from impedance_modules.spec.task import TaskSpec
+from impedance_modules.spec.task import ObjectSpec, TaskSpec
 from impedance_modules.spec.task_reader import read_task
 
 RECOVERY_TIME = 0.5
@@ -44,6 +44,7 @@ class Assembly:
 
     Attributes:
         task: As it will run, scale and arm applied.
+        held: The task's object as it really is, for the plant alone: the controller knows the task's; None without one.
         robot: With the effects of the patch applied.
         patch: The patch, or None.
         compensation: Of what was diagnosed, or None.
@@ -74,6 +75,7 @@ class Assembly:
     compensation: PatchCompensation | None = None
     own: tuple[OwnModule, ...] = ()
     allow_unstable: bool = False
+    held: ObjectSpec | None = None
 
     @property
     def period(self) -> float:
@@ -140,6 +142,7 @@ def assemble(
         limits=_filter_limits(model, inertia, used_rate),
         brake=_brake_gains(model, inertia, used_rate),
         compensation=compensation,
+        held=task.object if patch is None else apply_to_object(task.object, patch),
     )
 
 

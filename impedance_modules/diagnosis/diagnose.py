@@ -34,6 +34,7 @@ from impedance_modules.diagnosis.model_selection.conclusion import (
 )
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.model_selection.naming import without_negligible, without_rejected
+from impedance_modules.diagnosis.model_selection.object_search import with_held_object
 from impedance_modules.diagnosis.model_selection.probability import with_probabilities
 from impedance_modules.diagnosis.model_selection.surface_search import with_surfaces
 from impedance_modules.diagnosis.model_selection.swallowed import swallowed_by_priors
@@ -111,12 +112,12 @@ def diagnose(
     work = partial(prepare, model=model, rigid=rigid, common=common, known_effects=known_effects)
     prepared = tuple(each(work, split.logs))
     split, prepared = _long_enough(split, prepared)
-    whole, prepared = prepared, without_links_in_contact(prepared)
+    whole, prepared = prepared, without_links_in_contact(prepared, split.fitted)
     progress("evaluating candidates")
     left_out = {*without, *not_searched(under_water=under_water)}
     evidence = search_causes(prepared, split, model, left_out, progress, each)
     evidence, small = without_negligible(evidence)
-    notes = (*split.warnings, *contact_note(prepared), *evidence.notes, *small)
+    notes = (*split.warnings, *contact_note(prepared, split.fitted), *evidence.notes, *small)
     while True:
         found = _concluded(evidence, model, report, notes, progress)
         progress("simulating the held-out recordings")
@@ -126,6 +127,8 @@ def diagnose(
             found = set_small_aside(found, evidence, tolerance)
             progress("comparing contact with the task's surfaces")
             found = with_surfaces(found, whole, evidence, known_effects, without, tolerance)
+            progress("comparing what the hands hold with the task's object")
+            found = with_held_object(found, whole, evidence, known_effects, without, tolerance)
             return with_probabilities(found, repeats=not evidence.floor.weak)
         notes = (*notes, *worse)
 

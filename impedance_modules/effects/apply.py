@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.effect import Effect, Values
 from impedance_modules.effects.effect_description import Port
+from impedance_modules.effects.object_inertia import OBJECT_KEY, ObjectInertia
 from impedance_modules.effects.patch_check import numbers, patch_problems
 from impedance_modules.effects.plant_builder import PlantBuilder, PlantEffects
 from impedance_modules.effects.surface_effects import SurfaceEffect, surface_index
@@ -15,7 +16,7 @@ from impedance_modules.errors import BadFile, BadInput
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.patch_file import PatchSpec
 from impedance_modules.spec.robot_spec import RobotSpec
-from impedance_modules.spec.task import SurfaceSpec
+from impedance_modules.spec.task import ObjectSpec, SurfaceSpec
 
 
 def apply_patch(robot: RobotSpec, patch: PatchSpec) -> RobotSpec:
@@ -87,6 +88,29 @@ def apply_to_surfaces(surfaces: Sequence[SurfaceSpec], patch: PatchSpec) -> tupl
     if problems:
         raise BadFile(problems)
     return tuple(found)
+
+
+def apply_to_object(held: ObjectSpec | None, patch: PatchSpec) -> ObjectSpec | None:
+    """Returns a task's object as it really is; None of a task without one.
+
+    Raises:
+        BadFile: The patch has an object that the task lacks; every problem with its place.
+    """
+    problems = []
+    for place, spec in enumerate(patch.effects):
+        effect = CATALOGUE[spec.effect]
+        if not isinstance(effect, ObjectInertia):
+            continue
+        if held is None:
+            where = ("effects", place, "parameters", OBJECT_KEY)
+            message = "no hand of the task holds an object"
+            problems.append(patch.document.problem(where, message, ("a task with 'object'",), "key"))
+            continue
+        for quantities in spec.parameters.values():
+            held = effect.apply_to_object(held, numbers(quantities))
+    if problems:
+        raise BadFile(problems)
+    return held
 
 
 def effects_of_patch(patch: PatchSpec) -> Iterator[tuple[Effect, Port, Mapping[str, Values]]]:

@@ -61,8 +61,8 @@ class Effect(ABC):
         shape: Names of what enters nonlinearly; empty for a linear effect.
         replaces: It replaces a number of the robot file instead of adding to it.
         searched: When the diagnosis looks for it: ``always``; only where it is told that the robot was
-            ``under_water``; ``in_contact`` with surfaces that the recording's task has; ``never``, because no recording
-            by itself can show whose it is.
+            ``under_water``; ``in_contact`` with surfaces that the recording's task has; ``while_held``, in samples in
+            which hands hold the task's object; ``never``, because no recording by itself can show whose it is.
         nearly_linear: The linearisation at its first shape is good enough to find it; the shape is refined once
             the effect is accepted.
         brief: It may show in a few moments only, by its nature.
@@ -98,7 +98,7 @@ class Effect(ABC):
     description: Description
     shape: tuple[str, ...] = ()
     replaces: bool = False
-    searched: Literal["always", "under_water", "in_contact", "never"] = "always"
+    searched: Literal["always", "under_water", "in_contact", "while_held", "never"] = "always"
     nearly_linear: bool = False
     brief: bool = False
     symmetric: bool = False

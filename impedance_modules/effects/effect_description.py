@@ -44,8 +44,9 @@ USUAL_PLACES: Mapping[Port, Place] = {
 }
 """Place of an effect at a port, where its description says nothing else."""
 
-KeyKind = Literal["joint", "pair", "body", "base", "log", "surface"]
-"""What carries an effect's numbers: a joint, ``JOINT<-OTHER``, a link, the base, the whole recording, or a surface."""
+KeyKind = Literal["joint", "pair", "body", "base", "log", "surface", "object"]
+"""What carries an effect's numbers: a joint, ``JOINT<-OTHER``, a link, the base, the whole recording, a surface or the
+object in the hands."""
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ KIND_IN_WORDS: dict[KeyKind, str] = {
     "base": "'base'",
     "log": "'log'",
     "surface": "a surface of the task, 'surface0' its first",
+    "object": "'object', which the task's hands hold",
 }
 
 

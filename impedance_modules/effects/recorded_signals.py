@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.arrays import Array
+from impedance_modules.effects.carried_object import CarriedObject
 from impedance_modules.effects.joint_motion import JointSample, follow, regularisation_velocity
 from impedance_modules.effects.rigid_model import RigidModel
 from impedance_modules.errors import BadInput
@@ -80,6 +81,7 @@ class Signals:
             None where it adds nothing.
         surfaces: What the hands could press on, as the task has it; empty where nobody says.
         hands: Links whose origins touch them.
+        carried: Object that a hand holds, as the task has it; None where nobody says.
         clean_drive: ``drive`` without its noise, where that is known; a law that smooths what was asked for would
             otherwise gain by smoothing the noise that the residual carries too.
         reading: ``effort`` as it was read, where ``effort`` was cleaned: for laws that need no more than its sign.
@@ -104,6 +106,7 @@ class Signals:
     clean_drive: Array | None = None
     surfaces: tuple[SurfaceSpec, ...] = ()
     hands: tuple[str, ...] = ()
+    carried: CarriedObject | None = None
     reading: Array | None = None
 
     @property

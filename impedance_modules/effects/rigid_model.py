@@ -179,6 +179,14 @@ class RigidModel:
             out[i] = pin.updateFramePlacement(self._model, self._data, index).translation
         return out
 
+    def rotation(self, body: str, q: Array) -> Array:
+        """Rotation (N, 3, 3) from a link's axes to the base's."""
+        frame, out = self._frame(body), np.empty((len(q), 3, 3))
+        for i, (row, _, _) in enumerate(self._rows(q, q, q)):
+            pin.framesForwardKinematics(self._model, self._data, row)
+            out[i] = self._data.oMf[frame].rotation
+        return out
+
     def jacobian(self, body: str, q: Array) -> Array:
         """Computes J of a link's origin in base axes, (N, 6, n), linear then angular."""
         index = self._frame(body)

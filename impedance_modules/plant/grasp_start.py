@@ -36,7 +36,14 @@ def set_up_couplings(hands: Table, frames: tuple[str, ...], held: ObjectBody) ->
 
 
 def load_couplings(hands: Table, body: ObjectState, held: ObjectBody, position: Vector) -> Matrix:
-    """Sets the couplings' rest at the start pose; returns the wrench of the object on each hand (h, 6)."""
+    """Sets the couplings' rest at the start pose; returns the wrench of the object on each hand (h, 6).
+
+    Args:
+        hands: Placed.
+        body: The object.
+        held: What it is, and who holds it.
+        position: (3,) of its centre of mass in world [m].
+    """
     holding = [i for i in range(hands.size) if hands[i]["holds"]]
     rotation = body.rotation
     wrench = np.zeros((hands.size, 6))
@@ -45,7 +52,7 @@ def load_couplings(hands: Table, body: ObjectState, held: ObjectBody, position: 
         hand["rest_point"] = rotation.T @ (hand["translation"] - position)
         if not hand["rest_point"].any():
             raise BadInput("a hand at the object's centre has no direction in which to press")
-        depth_beneath_face(body, 0.0, hand["rest_point"], hand["normal"])
+        depth_beneath_face(body, 0.0, hand["rest_point"] + held.centre, hand["normal"])
         wrench[i, :3] = -held.spec.squeeze * (rotation @ hand["normal"])
     if holding and held.spec.carry_weight:
         weight = np.concatenate([body.mass * body.gravity, np.zeros(3)])

@@ -94,7 +94,10 @@ class GroundTruth:
 
     @property
     def object_pose(self) -> Pose | None:
-        """Pose of the object in world; None without an object."""
+        """Pose of the object's centre of mass in world, along its own axes; None without an object.
+
+        The centre is the object's origin, unless a patch moves it.
+        """
         if not self.state.body.present:
             return None
         rotation = self.state.body.rotation.copy()
@@ -102,7 +105,7 @@ class GroundTruth:
 
     @property
     def object_twist(self) -> Vector | None:
-        """Twist (6,) of the object at its origin, world axes; None without an object."""
+        """Twist (6,) of the object at its centre of mass, world axes; None without an object."""
         body = self.state.body
         if not body.present:
             return None

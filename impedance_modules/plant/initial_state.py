@@ -57,7 +57,8 @@ def build_plant_state(
         set_up_couplings(hands, frames, held)
     bodies: list[Sequence[Point]] = [(hand_point(),) for _ in frames]
     if held is not None:
-        bodies.append(object_points(held.spec.shape, held.spec.size))
+        points = object_points(held.spec.shape, held.spec.size)
+        bodies.append([(place - held.centre, radius) for place, radius in points])
     woods, friction_work, splinters = wood_tables(surfaces)
     table, mesh_nodes, triangles = surface_tables(surfaces)
     table_of_links = link_table(links, effects.added_mass)
@@ -137,7 +138,7 @@ class StartAtRest:
         if held is None:
             return np.zeros((plant.hands.size, 6))
         origins = [hand["translation"] for hand in plant.hands if hand["holds"]]
-        start = held.position(origins)
+        start = held.position(origins) + held.centre
         plant.start.object_position[:] = start
         wrench = load_couplings(plant.hands, plant.body, held, start)
         load_hinge(plant.hinge, held, plant.body, start, plant.hands, wrench)

@@ -157,7 +157,10 @@ def update_object_rotation(plant: PlantState) -> None:
 
 @dataclass(frozen=True)
 class ObjectBody:
-    """A rigid object in the plant and the hand frames that hold it; none for an object on its own."""
+    """A rigid object in the plant and the hand frames that hold it; none for an object on its own.
+
+    The plant's state is that of its centre of mass: ``ObjectState`` and all couplings count from there.
+    """
 
     spec: ObjectSpec
     hands: tuple[str, ...]
@@ -170,11 +173,21 @@ class ObjectBody:
             )
         if not self.hands and self.spec.position is None:
             raise BadInput("an object that no hand holds needs a position")
+        if self.centre.any() and (self.spec.grasp == "friction" or self.spec.hinge is not None):
+            raise BadInput(
+                f"an object with its centre of mass at {self.spec.centre} m cannot be built with a friction grasp or a"
+                " hinge (valid: a weld without a hinge, or a centre of 0, 0, 0)"
+            )
 
     @staticmethod
     def of_task(model: RobotModel, spec: ObjectSpec) -> ObjectBody:
         """Finds the hands of the limbs that hold the object."""
         return ObjectBody(spec, tuple(model.limbs[name].hand for name in spec.held_by))
+
+    @property
+    def centre(self) -> Vector:
+        """Its centre of mass (3,) from its origin, along its own axes [m]."""
+        return np.array(self.spec.centre, dtype=float)
 
     def position(self, hand_origins: Sequence[Vector]) -> Vector:
         """Gives the object's start in world [m]: as declared, or midway between the holding hands."""

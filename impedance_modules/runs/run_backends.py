@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -52,7 +53,7 @@ def mujoco_backend(
     task, modules = assembly.task, assembly.modules
     plant = mujoco_plant(
         assembly.model,
-        task,
+        replace(task, object=assembly.held),
         modules.posture,
         PlantOptions(rate=assembly.rate, seed=seed, noise=noise),
         patch=assembly.patch,

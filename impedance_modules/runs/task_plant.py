@@ -16,7 +16,7 @@ from impedance_modules.plant.rigid_object import ObjectBody
 def sim_backend(assembly: Assembly, seed: int, *, noise: bool = True) -> SimBackend[Plant]:
     """Builds the plant with the task's surroundings behind a backend."""
     task, model = assembly.task, assembly.model
-    held = None if task.object is None else ObjectBody.of_task(model, task.object)
+    held = None if assembly.held is None else ObjectBody.of_task(model, assembly.held)
     options = PlantOptions(rate=assembly.rate, seed=seed, noise=noise)
     applied = None if assembly.patch is None else apply_to_plant(model, assembly.patch)
     plant = Plant(model, task.environment, held, options, applied, pushes=task.pushes)

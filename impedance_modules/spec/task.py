@@ -139,6 +139,7 @@ class ObjectSpec:
         squeeze: Force with which each hand presses towards the object's origin [N]; 0 for none.
         carry_weight: The modules carry the object's declared weight.
         hinge: About which alone it can turn; None for a free object.
+        centre: Of mass, from its origin along its own axes [m]. Zero in every task; a patch may say otherwise.
     """
 
     held_by: tuple[str, ...]
@@ -151,6 +152,7 @@ class ObjectSpec:
     squeeze: float
     carry_weight: bool
     hinge: HingeSpec | None = None
+    centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)

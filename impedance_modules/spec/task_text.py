@@ -141,7 +141,7 @@ def _list(data: Any, key: str) -> list[Any]:
     return found if isinstance(found, list) else []
 
 
-def contact_phases(text: str) -> dict[str, Spent]:
+def contact_phases(text: str, *, holding: bool = True) -> dict[str, Spent]:
     """Names the phases in which a hand touches its surroundings or holds an object, and says when.
 
     A phase that waits for contact ends in it; all later ones are in it until one waits for its loss. Hands that
@@ -149,6 +149,7 @@ def contact_phases(text: str) -> dict[str, Spent]:
 
     Args:
         text: A task file's whole text, as recordings keep it. Of a text that is no task nothing is known: no phase.
+        holding: Whether to hold an object is contact as well; without, only what hands and object touch is.
     """
     try:
         data = parse_document(Path("task"), text).data
@@ -157,7 +158,7 @@ def contact_phases(text: str) -> dict[str, Spent]:
     phases = data.get("phases")
     if not isinstance(phases, list):
         return {}
-    held = bool(data.get("object"))
+    held = holding and bool(data.get("object"))
     out: dict[str, Spent] = {}
     touching = held
     for phase in phases:

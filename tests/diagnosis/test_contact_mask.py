@@ -118,10 +118,13 @@ def test_contact_masks_only_residuals_of_the_links_motion() -> None:
 
 
 def test_links_are_not_judged_where_nearly_all_is_contact_but_drives_are() -> None:
-    (found,) = without_links_in_contact((_item(slice(50, 1000)),))
+    (found,) = without_links_in_contact((_item(slice(50, 1000)),), (0,))
     assert set(found.residuals) == {"actuator", "velocity"}
     for item in (_item(slice(700, 1000)), _item(slice(50, 1000), ("motor", "velocity"))):
-        assert without_links_in_contact((item,)) == (item,)
+        assert without_links_in_contact((item,), (0,)) == (item,)
+    both = _item(slice(0, 1000)), _item(slice(0, 0))
+    assert set(without_links_in_contact(both, (0,))[1].residuals) == {"actuator", "velocity"}
+    assert without_links_in_contact(both, (0, 1)) == both
 
 
 def test_no_window_is_simulated_during_contact() -> None:

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from docs import effects_tables
 from impedance_modules.effects.apply import apply_patch, apply_to_plant, apply_to_surfaces
+from impedance_modules.effects.carried_object import CarriedObject
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.effect_description import Parameter, Place, same_unit
 from impedance_modules.effects.recorded_signals import Signals
@@ -25,7 +26,7 @@ from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.patch_file import read_patch
 from impedance_modules.spec.robot_reader import read_robot
 from impedance_modules.spec.robot_spec import RobotSpec
-from impedance_modules.spec.task import SurfaceSpec
+from impedance_modules.spec.task import ObjectSpec, SurfaceSpec
 from tests.support.arm_samples import derivative
 from tests.support.commands import invoke, refusal
 from tests.support.effect_recordings import applied as effect_with
@@ -40,7 +41,7 @@ CONTRACT = [
     "parallel_spring", "torque_ripple", "command_delay", "actuator_lag", "torque_saturation", "crosstalk",
     "velocity_filter_lag", "clock_drift", "external_contact", "controller_gain", "transmission_coupling",
     "surface_height", "surface_stiffness", "surface_friction", "buoyancy", "added_mass", "fluid_drag",
-    "bench_spring",
+    "bench_spring", "object_inertia",
 ]  # fmt: skip
 """Ids that patches may already contain: none of them may vanish."""
 SYMBOLS = {
@@ -64,6 +65,7 @@ EXAMPLES = {
     "load_dependent_friction": {"kl": 0.1},
     "added_mass": {"mx": 0.5, "mz": 0.1, "cx": 0.0, "cy": 0.0, "cz": 0.1},
     "fluid_drag": {"dy": 8.0, "cx": 0.0, "cy": 0.0, "cz": 0.1},
+    "object_inertia": {"m": 0.3},
 }
 
 
@@ -74,7 +76,7 @@ def robot() -> RobotSpec:
 
 KEYS = {
     "joint": "port_lift", "pair": "port_roll<-port_spin", "body": "port_palm", "base": "base", "log": "log",
-    "surface": "surface0",
+    "surface": "surface0", "object": "object",
 }  # fmt: skip
 
 
@@ -161,13 +163,19 @@ def drawn(parameter: Parameter, random: np.random.Generator) -> float:
 PLANE = SurfaceSpec("plane", 0.3, None, (0.1, 0.0, 0.0), None, 900.0, 5.0, 0.4)
 
 
+BOX = ObjectSpec(("port",), "box", 0.6, (0.1, 0.2, 0.3), None, "weld", None, 0.0, False)
+CARRIED = CarriedObject(
+    BOX, "port_palm", np.array([0.0, 0.1, 0.05]), np.eye(3), np.array([3e-3, 2e-3, 1e-3]), np.arange(80) > 30
+)
+
+
 @cache
 def recording() -> Signals:
     """Any motion at all."""
     model = RobotModel(robot())
     random = np.random.default_rng(5)
     motion = [random.normal(size=(80, model.n)) for _ in range(6)]
-    around = {"surfaces": (PLANE,), "hands": ("port_palm",)}
+    around = {"surfaces": (PLANE,), "hands": ("port_palm",), "carried": CARRIED}
     return signals_of(model, np.arange(80) / 100.0, *motion, **around)
 
 
@@ -206,6 +214,7 @@ BROKEN = {
     "water that sinks": (entry("buoyancy", LINK, {"m": -1.0, **CENTRE}), "not physical (valid: at least 0)"),
     "no water taken along": (entry("added_mass", LINK, CENTRE), "takes no water along"),
     "no drag": (entry("fluid_drag", LINK, CENTRE), "in no direction"),
+    "no object": (given_as("object_inertia", LINK, "box", "m", 0.1, "kg"), "'box' is not one"),
     "no surface": (given_as("surface_height", "contact", "table", "dh", 0.1, "m"), "(valid: surface0, surface1)"),
     "wrong port": (entry("viscous_friction", "sensor"), "(valid: actuator, link)"),
     "wrong symbol": (given_as("viscous_friction", LINK, "port_lift", "fx", 1, "1"), "did you mean 'fv'?"),

@@ -24,6 +24,7 @@ EVERY += [
     applied("surface_height", "contact", "surface0", dh=0.01),
     applied("surface_stiffness", "contact", "surface0", k=9000.0),
     applied("surface_friction", "contact", "surface0", mu=0.4),
+    applied("object_inertia", "link", "object", m=0.4),
 ]
 FILES = {"urdf": (URDF, "arm.urdf", ARM), "mujoco": (MUJOCO, "arm.xml", UNTURNED)}
 OF_THIS_FILE = {"urdf": set(), "mujoco": {"controller_gain"}}

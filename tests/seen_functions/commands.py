@@ -116,6 +116,7 @@ EFFECTS = (
     c("effects payload"),
     c("effects parallel_spring"),
     c("effects surface_height"),
+    c("effects object_inertia"),
     *(
         c(f"run pair-hold.yaml --effects {name} --duration 0.1 --out with-{name}", 0, 3)
         for name in inputs.PATCHED

@@ -30,7 +30,7 @@ def mujoco_plant(
 
     Args:
         model: Of the robot with the patch applied.
-        task: With its surfaces as they really are.
+        task: With its surfaces and its object as they really are.
         posture: (n,) at the start [rad].
         options: Rate, seed and noise.
         patch: Effects that the robot has beyond its model; None for none.

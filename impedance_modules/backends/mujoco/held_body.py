@@ -83,17 +83,18 @@ def grasp_start(held: ObjectBody, frames: tuple[str, ...], poses: list[Pose], gr
     for hand, pose in zip(hands, poses, strict=True):
         hand["translation"], hand["rotation"] = pose.translation, pose.rotation
     position = held.position([hand["translation"] for hand in hands if hand["holds"]])
-    wrench = load_couplings(hands, object_state(held, gravity), held, position)
+    wrench = load_couplings(hands, object_state(held, gravity), held, position + held.centre)
+    hands["rest_point"] += held.centre
     return GraspStart(position, hands, np.asarray(wrench))
 
 
 def add_object(spec: mujoco.MjSpec, held: ObjectBody, start: GraspStart) -> None:
-    """Adds the object's body where it starts, with its homogeneous inertia."""
+    """Adds the object's body where it starts, with its inertia, a homogeneous body's about its centre of mass."""
     shape = held.spec
     body = spec.worldbody.add_body(
         name=OBJECT_NAME,
         pos=start.position,
-        ipos=np.zeros(3),
+        ipos=held.centre,
         mass=shape.mass,
         inertia=principal_inertia(shape.shape, shape.size, shape.mass),
         explicitinertial=True,

@@ -32,6 +32,7 @@ from impedance_modules.diagnosis.data.stamps import (
     stamp_jitter,
     uniform_time,
 )
+from impedance_modules.diagnosis.data.task_object import carrying, task_object_of
 from impedance_modules.diagnosis.data.task_surfaces import task_surfaces_of
 from impedance_modules.diagnosis.data.time_base import (
     common_delay,
@@ -160,6 +161,8 @@ def _log(episode: Episode, model: NominalModel, steps: Array, warnings: list[str
         in_contact=in_contact(episode, time),
         rounding=resampled(_rounding(episode, model.joints, steps), stamps, time, "position"),
         surroundings=task_surfaces_of(str(episode.metadata.get("task") or ""), model.hands),
+        task_object=task_object_of(episode, model.hands, model.joints),
+        carrying=carrying(episode, time, in_contact(episode, time, holding=False)),
     )
     return log, jitter
 
@@ -239,11 +242,17 @@ def _usable_velocity(
     return velocity
 
 
-def in_contact(episode: Episode, time: Array) -> Mask | None:
-    """Marks the times (N,) that fall into a phase of contact, by its name or by the task; None where none says so."""
+def in_contact(episode: Episode, time: Array, *, holding: bool = True) -> Mask | None:
+    """Marks the times (N,) that fall into a phase of contact, by its name or by the task; None where none says so.
+
+    Args:
+        episode: The recording.
+        time: Of the samples [s].
+        holding: Whether to hold an object is contact as well.
+    """
     if episode.phase is None:
         return None
-    by_task = contact_phases(str(episode.metadata.get("task") or ""))
+    by_task = contact_phases(str(episode.metadata.get("task") or ""), holding=holding)
     phases = {phase for phase in set(episode.phase) if phase is not None}
     named = {phase for phase in phases if by_task.get(phase) == "throughout" or _is_contact(phase)}
     marks = np.array([phase in named for phase in episode.phase])

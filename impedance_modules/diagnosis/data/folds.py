@@ -18,6 +18,9 @@ from impedance_modules.errors import BadInput
 FOLDS_MIN = 2
 """Fewest folds for cross-validation, the hold-out not counted."""
 
+FREE_MIN = 0.05
+"""Part of a motion's samples that must be free of contact, by the phases, for the links to be judged by it."""
+
 TAILS = (0.02, 0.98)
 """Quantiles that bound the range of a joint's positions and speeds."""
 
@@ -116,6 +119,12 @@ def assign_folds(
             raise BadInput("--holdout: every recording is held out (valid: at least one LOG to fit)")
     elif len(groups) > 1:
         motions = sorted(groups.values(), key=lambda found: found[0].name)
+        only = _only_free(motions, useful, run_in)
+        if only is not None:
+            place, pieces = only
+            warnings.append("one motion in free air only: held-out parts are segments of it")
+            held = pieces.pop(select_holdout_segment(pieces))
+            return _numbered([*motions[:place], *motions[place + 1 :], *pieces], held, warnings)
         tested = motions.pop(select_holdout(motions))
     else:
         motions, tested = list(groups.values()), []
@@ -123,6 +132,19 @@ def assign_folds(
     if not tested or len(motions) == 1:
         return _segmented(tested, warnings, segments_of(motions[0], useful, run_in))
     return _numbered(motions, tested, warnings)
+
+
+def _only_free(
+    motions: Sequence[Sequence[Log]], useful: float, run_in: float
+) -> tuple[int, list[list[Log]]] | None:
+    """The only motion in free air and its segments; None where there are several, or it is too short to be cut."""
+    free = [i for i, found in enumerate(motions) if is_free(found)]
+    if len(free) != 1:
+        return None
+    try:
+        return free[0], segments_of(motions[free[0]], useful, run_in)
+    except InsufficientData:
+        return None
 
 
 def _segmented(tested: Sequence[Log], warnings: list[str], pieces: list[list[Log]]) -> DataSplit:
@@ -148,18 +170,27 @@ def select_holdout(motions: Sequence[Sequence[Log]]) -> int:
 
     Repeated motions are fitted as long as there are others, because repeats measure the noise. Of the others the
     motion is chosen without which the rest covers the largest range; among equally good ones the one whose least
-    moving joint moves most; then the last by name. The order of the recordings does not matter.
+    moving joint moves most; then the last by name. The order of the recordings does not matter. Motions that are spent
+    in contact are fitted as long as there are others: they tell nothing about the links.
 
     Args:
         motions: Two or more, each with its repeats.
     """
     single = [i for i, found in enumerate(motions) if len(found) == 1]
     asked = single or list(range(len(motions)))
+    asked = [i for i in asked if is_free(motions[i])] or asked
     reach = np.array([np.max([_range_covered(log) for log in found], axis=0) for found in motions])
     whole = np.maximum(reach.max(axis=0), 1e-9)
     left = {i: float(np.mean(np.delete(reach, i, axis=0).max(axis=0) / whole)) for i in asked}
     equally_good = [i for i in asked if left[i] >= max(left.values()) - RANGE_TOLERANCE]
     return max(equally_good, key=lambda i: (round(float((reach[i] / whole).min()), 3), motions[i][0].name))
+
+
+def is_free(motion: Sequence[Log]) -> bool:
+    """Whether a motion and its repeats are, by their phases, not spent in contact."""
+    marked = sum(0 if log.in_contact is None else int(log.in_contact.sum()) for log in motion)
+    whole = sum(log.samples for log in motion)
+    return whole - marked >= FREE_MIN * whole
 
 
 def _range_covered(log: Log) -> Array:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.arrays import Array
+from impedance_modules.diagnosis.data.task_object import TaskObject
 from impedance_modules.diagnosis.data.task_surfaces import TaskSurfaces
 from impedance_modules.errors import ImpedanceError
 
@@ -42,6 +43,8 @@ class Log:
             positions are not rounded.
         effort_steps: (n,) of the grids on which efforts were written [N.m]; zero where there is none.
         surroundings: What the task says that the hands could touch; None where it says nothing.
+        task_object: Object of the task, and who holds it; None where it has none.
+        carrying: (N,) samples in which hands hold it for certain, and nothing is touched; None where there are none.
     """
 
     name: str
@@ -59,6 +62,8 @@ class Log:
     rounding: Array | None = None
     effort_steps: Array | None = None
     surroundings: TaskSurfaces | None = None
+    task_object: TaskObject | None = None
+    carrying: Mask | None = None
 
     @property
     def samples(self) -> int:
@@ -89,6 +94,7 @@ class Log:
             start=self.start + first / self.rate,
             in_contact=None if self.in_contact is None else self.in_contact[piece],
             rounding=cut(self.rounding),
+            carrying=None if self.carrying is None else self.carrying[piece],
         )
 
 

@@ -46,18 +46,23 @@ def task_surfaces_of(text: str, limbs: Mapping[str, str]) -> TaskSurfaces | None
     Returns:
         None of a text that is no task, or of a task without an environment.
     """
+    data = task_data(text)
+    if data is None:
+        return None
+    surfaces = tuple(build_surface(raw) for raw in data.get("environment", []))
+    hands = tuple(dict.fromkeys(_hands(data["arms"], limbs)))
+    return TaskSurfaces(surfaces, hands, "object" in data) if surfaces and hands else None
+
+
+def task_data(text: str) -> Any | None:
+    """Reads what a recording keeps of its task; None of a text that is no task."""
     if not text:
         return None
     try:
         document = parse_document(Path("task"), text)
     except ImpedanceError:
         return None
-    if document.faults or schema_faults(document, "task"):
-        return None
-    data: Any = document.data
-    surfaces = tuple(build_surface(raw) for raw in data.get("environment", []))
-    hands = tuple(dict.fromkeys(_hands(data["arms"], limbs)))
-    return TaskSurfaces(surfaces, hands, "object" in data) if surfaces and hands else None
+    return None if document.faults or schema_faults(document, "task") else document.data
 
 
 def with_known_surfaces(surroundings: TaskSurfaces, known: Sequence[EffectSpec]) -> TaskSurfaces:

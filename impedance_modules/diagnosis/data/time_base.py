@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfiltfilt
 
 from impedance_modules.arrays import Array
-from impedance_modules.diagnosis.data.log import Log
+from impedance_modules.diagnosis.data.log import Log, Mask
 from impedance_modules.diagnosis.data.rigid_dynamics import gravity_regressor
 from impedance_modules.diagnosis.data.rigid_tree import RigidTree
 
@@ -58,6 +58,9 @@ def _slowed(log: Log, rate: float) -> Log:
     def slow(values: Array | None) -> Array | None:
         return None if values is None else slowed(values)
 
+    def marked(values: Mask | None) -> Mask | None:
+        return None if values is None else values[np.searchsorted(old, new).clip(0, log.samples - 1)]
+
     return replace(
         log,
         rate=rate,
@@ -67,9 +70,8 @@ def _slowed(log: Log, rate: float) -> Log:
         command=slow(log.command),
         position_command=slow(log.position_command),
         rounding=slow(log.rounding),
-        in_contact=None
-        if log.in_contact is None
-        else log.in_contact[np.searchsorted(old, new).clip(0, log.samples - 1)],
+        in_contact=marked(log.in_contact),
+        carrying=marked(log.carrying),
     )
 
 

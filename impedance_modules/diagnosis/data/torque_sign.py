@@ -136,8 +136,10 @@ def _flipped(found: CoarseComparison, joint: int) -> bool:
     heaviest = float(found.model.std(axis=0).max())
     if _size(model) < LIGHT_PART * heaviest:
         return False
+    correlation = float(e @ m) / max(len(e) * _size(e) * _size(m), 1e-300)
+    if correlation > -OPPOSITE:
+        return False  # a tool at a joint with a light hand changes its load, and both rise and fall together
     if _size(m) > VISIBLE_PART * max(_size(effort), 1e-9) and _size(e) > 0.0:
-        correlation = float(e @ m) / (len(e) * _size(e) * _size(m))
         slope = float(e @ m) / float(m @ m)
         return correlation < OPPOSITE and SLOPE_RANGE[0] < -slope < SLOPE_RANGE[1]
     return _drives(effort - model, own) and not _drives(-effort - model, own)

@@ -128,7 +128,7 @@ def _selector(
     regressors = candidate_regressors(shaped, prepared, signals, residuals, each)
     nuisance = build_nuisance(prepared, model.tree.inertia)
     raw = [[item.residuals[name][:, joint] for name, joint in nuisance.groups] for item in prepared]
-    mask = rows_of_link_residuals(contact_free_rows(prepared), nuisance.groups)
+    mask = rows_of_link_residuals(contact_free_rows(prepared, split.fitted), nuisance.groups)
     floor = _floor(raw, prepared, nuisance, [*generic, *_simple_candidates(regressors)], split.fitted, mask)
     rate = prepared[0].band.rate / prepared[0].band.step
     names = [item.log.name for item in prepared]

@@ -9,7 +9,7 @@ within their priors. Where another number of the same surface explains nearly as
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,6 +20,16 @@ from impedance_modules.diagnosis.model_selection.acceptance import BIC_MIN
 from impedance_modules.diagnosis.model_selection.cause_search import SIGMA
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.model_selection.lack_of_fit import SYSTEMATIC
+from impedance_modules.diagnosis.model_selection.masked_rows import (
+    LEAD_MIN,
+    RowsExplained,
+    correlation_in_time,
+    effects_found,
+    merged,
+    motion_residual,
+    share_closed,
+    with_warning,
+)
 from impedance_modules.diagnosis.regression.contact_fit import (
     ContactFit,
     Number,
@@ -34,10 +44,9 @@ from impedance_modules.diagnosis.regression.contact_rows import (
     SurfaceNumbers,
     contact_recording,
 )
-from impedance_modules.diagnosis.residuals.preparation import AppliedEffect, Prepared, effect_torque
+from impedance_modules.diagnosis.residuals.preparation import Prepared, effect_torque
 from impedance_modules.diagnosis.result import Cause, Diagnosis, Estimate, Rival, Standing
 from impedance_modules.effects.catalogue import CATALOGUE
-from impedance_modules.effects.residual_kinds import Residual, uses_motion
 from impedance_modules.effects.surface_effects import SurfaceEffect, surface_key
 from impedance_modules.spec.patch_file import EffectSpec
 
@@ -47,9 +56,6 @@ EFFECT_OF: Mapping[str, str] = {
     if isinstance(effect, SurfaceEffect)
 }
 """Symbol of a surface's number -> the effect that changes it."""
-
-LEAD_MIN = 30.0
-"""Deviance by which a number of a surface must lie ahead of another: errors of the positions make it large."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,12 +242,7 @@ def _scale(recordings: Sequence[ContactRecording], fit: ContactFit) -> float:
     power = float(np.mean(np.concatenate(left) ** 2))
     if free.size:
         power = max(power, float(np.mean(free**2)))
-    pairs = [(x[:-1], x[1:]) for x in left if len(x) > 1]
-    lag = sum(float(np.sum(a * b)) for a, b in pairs) / max(
-        sum(float(np.sum(a * a)) for a, _ in pairs), 1e-300
-    )
-    lag = float(np.clip(lag, 0.0, 0.95))
-    return max(1.0, power) * (1.0 + lag) / (1.0 - lag)
+    return max(1.0, power) * correlation_in_time(left)
 
 
 def _judged(
@@ -258,9 +259,9 @@ def _judged(
     if unseen:
         first, size = _in_contact(unseen, evaluated(unseen, plain))
         last, _ = _in_contact(unseen, evaluated(unseen, best))
-        shrink = _shrink(first - size, last - size)
+        shrink = share_closed(first - size, last - size)
     else:
-        shrink = _shrink(before - count, after - count)
+        shrink = share_closed(before - count, after - count)
     return ContactResult(
         fit=best,
         before=before,
@@ -284,15 +285,11 @@ def _in_contact(recordings: Sequence[ContactRecording], left: Sequence[Array]) -
     return sum(float(np.sum(x**2)) for x in parts), sum(x.size for x in parts)
 
 
-def _shrink(before: float, after: float) -> float | None:
-    return None if before <= 0.0 else 1.0 - float(np.sqrt(max(after, 0.0) / before))
-
-
 def _contact_recordings(
     found: Diagnosis, prepared: Sequence[Prepared], known: Sequence[EffectSpec]
 ) -> dict[int, ContactRecording]:
     """Recording -> its rows in contact, where the task has surfaces that the hands themselves touch."""
-    residual = _motion_residual(prepared)
+    residual = motion_residual(prepared)
     if residual is None:
         return {}
     out = {}
@@ -301,32 +298,11 @@ def _contact_recordings(
         if surroundings is None or surroundings.holds:
             continue
         surfaces = with_known_surfaces(surroundings, known).surfaces
-        explained = item.band.condense(effect_torque(_specs(found), item.signals, residual))
+        explained = item.band.condense(effect_torque(effects_found(found), item.signals, residual))
         data = contact_recording(item, surfaces, surroundings.hands, explained, residual)
         if data is not None:
             out[r] = data
     return out
-
-
-def _motion_residual(prepared: Sequence[Prepared]) -> Residual | None:
-    names = [
-        name
-        for name in prepared[0].residuals
-        if uses_motion(name) and all(name in item.residuals for item in prepared)
-    ]
-    return names[0] if names else None
-
-
-def _specs(found: Diagnosis) -> Iterator[AppliedEffect]:
-    """Effect, port and numbers of all named causes."""
-    for cause in (*found.causes, *found.small):
-        if CATALOGUE[cause.effect].bound_to_recording:
-            continue
-        values = {
-            key: {symbol: estimate.value for symbol, estimate in symbols.items()}
-            for key, symbols in cause.parameters.items()
-        }
-        yield cause.effect, cause.port, values
 
 
 def _noted(found: Diagnosis, result: ContactResult) -> Diagnosis:
@@ -338,45 +314,25 @@ def _noted(found: Diagnosis, result: ContactResult) -> Diagnosis:
         else f"{result.seconds:.3g} s in contact are not explained by surfaces that differ from the task's, residual"
         f" power {ratio:.3g} times noise where {SYSTEMATIC:g} would pass; they stay masked"
     )
-    return _with_warning(found, words)
+    return with_warning(found, words)
 
 
 def _merged(found: Diagnosis, result: ContactResult, evidence: Evidence) -> Diagnosis:
-    """Names the surfaces' effects beside the other causes; weights are shares of the excess power of all rows."""
-    free = evidence.excess_before * sum(item.samples for item in evidence.prepared)
-    start, left = max(result.before - result.count, 0.0), max(result.after - result.count, 0.0)
-    total = free + start
+    """Names the surfaces' effects beside the other causes."""
     whole = sum(result.gains.values())
-    causes = [replace(cause, weight=cause.weight * free / total) for cause in found.causes]
-    for number, gain in result.gains.items():
-        causes.append(_cause(result, number, (start - left) / total * gain / whole))
-    merged = replace(
-        found,
-        causes=tuple(sorted(causes, key=lambda cause: -cause.weight)),
-        unexplained_weight=(found.unexplained_weight * free + left) / total,
-        verdict=_verdict(found, result),
-    )
+    causes = [(_cause(result, number), gain / whole) for number, gain in result.gains.items()]
+    ambiguous = any(map(result.rivals, result.gains))
+    rows = RowsExplained(result.before, result.after, result.count, result.explained, ambiguous)
     ratio = result.after / result.count
-    return _with_warning(
-        merged,
+    return with_warning(
+        merged(found, evidence, rows, causes),
         f"{result.seconds:.3g} s in contact, compared with the task's surfaces: residual power"
         f" {result.before / result.count:.3g} times noise with the task's numbers, {ratio:.3g} with those found"
         + ("" if result.explained else f"; {SYSTEMATIC:g} would pass: more than surfaces differs there"),
     )
 
 
-def _verdict(found: Diagnosis, result: ContactResult) -> str:
-    """The verdict of all rows, from that of the free ones and the contact's."""
-    if found.verdict not in ("no_gap", "explained", "ambiguous"):
-        return "partly_explained"
-    if not result.explained:
-        return "partly_explained"
-    return (
-        "ambiguous" if any(map(result.rivals, result.gains)) or found.verdict == "ambiguous" else "explained"
-    )
-
-
-def _cause(result: ContactResult, number: Number, weight: float) -> Cause:
+def _cause(result: ContactResult, number: Number) -> Cause:
     index, symbol = number
     fit = result.fit
     parameter = CATALOGUE[EFFECT_OF[symbol]].description.parameters[0]
@@ -387,7 +343,7 @@ def _cause(result: ContactResult, number: Number, weight: float) -> Cause:
         joints=(),
         port="contact",
         parameters={surface_key(index): {symbol: Estimate(value, std, parameter.unit)}},
-        weight=weight,
+        weight=0.0,
         shrink=result.shrink,
         equivalent=tuple(Rival(EFFECT_OF[other], (), "") for _, other in result.rivals(number)),
         rivals=(),
@@ -395,9 +351,3 @@ def _cause(result: ContactResult, number: Number, weight: float) -> Cause:
         velocity_range={},
         standing=result.standing(number),
     )
-
-
-def _with_warning(found: Diagnosis, words: str) -> Diagnosis:
-    if found.data is None:
-        return found
-    return replace(found, data=replace(found.data, warnings=(*found.data.warnings, words)))

@@ -190,8 +190,8 @@ def contact_recording(
         touching=touching,
         free=free,
         torque_noise=_torque_noise(item, residual),
-        zero_noise=_position_noise(item, rate=False),
-        speed_noise=_position_noise(item, rate=True),
+        zero_noise=position_noise(item, rate=False),
+        speed_noise=position_noise(item, rate=True),
     )
 
 
@@ -214,7 +214,7 @@ def _torque_noise(item: Prepared, residual: Residual) -> Array:
     return np.asarray(np.sqrt(moved + in_band * (0.0 if read is None else white_noise(read)) ** 2 + 1e-12))
 
 
-def _position_noise(item: Prepared, *, rate: bool) -> Array:
+def position_noise(item: Prepared, *, rate: bool) -> Array:
     """Rms (n,) of positions' noise in the band, or of that of their rate: of the grids, or white, the stronger."""
     log = item.log
     white = read_noise(item) * np.random.default_rng(0).standard_normal(log.position.shape)

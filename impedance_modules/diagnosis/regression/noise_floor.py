@@ -99,9 +99,7 @@ def noise_by_repeats(
         pairs: Repeats.
         clear: Recording and group -> (M,) rows that count; all of them where it is missing.
     """
-    shown = [
-        [_both_clear(pair, g, prepared, clear or {}) for pair in pairs] for g in range(len(nuisance.groups))
-    ]
+    shown = [_shown_twice(pairs, g, prepared, clear or {}) for g in range(len(nuisance.groups))]
     moved = np.mean([acceleration_noise(prepared[i], prepared[j]) for i, j in pairs], axis=0)
     rounding = [unseen_rounding(prepared[i], moved) for i, _ in pairs]
     unseen = [
@@ -217,6 +215,22 @@ def _edge(prepared: Sequence[Prepared]) -> float:
     """End of the band in cycles per kept sample."""
     band = prepared[0].band
     return band.cutoff * band.step / band.rate
+
+
+def _shown_twice(
+    pairs: Sequence[tuple[int, int]],
+    group: int,
+    prepared: Sequence[Prepared],
+    clear: Mapping[tuple[int, int], Mask],
+) -> list[Mask]:
+    """Rows of a group that count in both of two repeats, for each pair; all of them where hardly any would be left.
+
+    Repeats that are held or pressed throughout differ by noise, too.
+    """
+    masks = [_both_clear(pair, group, prepared, clear) for pair in pairs]
+    if sum(int(mask.sum()) for mask in masks) > SHORT + ORDER:
+        return masks
+    return [np.ones_like(mask) for mask in masks]
 
 
 def _both_clear(

@@ -28,10 +28,10 @@ CONTACT_MAX = 0.8
 """Part of all samples that may be in contact; beyond it too little free motion is left."""
 
 
-def contact_free_rows(prepared: Sequence[Prepared]) -> dict[int, Mask]:
-    """Recording -> (M,) rows free of contact; empty without contact, or where nearly all is contact."""
+def contact_free_rows(prepared: Sequence[Prepared], fitted: Sequence[int]) -> dict[int, Mask]:
+    """Recording -> (M,) rows free of contact; empty without contact, or where nearly all that is fitted is contact."""
     out = _contact_free(prepared)
-    return {} if _mostly_in_contact(out, prepared) else out
+    return {} if _mostly_in_contact(out, prepared, fitted) else out
 
 
 def rows_of_link_residuals(
@@ -46,10 +46,15 @@ def rows_of_link_residuals(
     }
 
 
-def without_links_in_contact(prepared: tuple[Prepared, ...]) -> tuple[Prepared, ...]:
-    """Drops the links' residuals where nearly all samples are in contact, if the drives have residuals of their own."""
+def without_links_in_contact(prepared: tuple[Prepared, ...], fitted: Sequence[int]) -> tuple[Prepared, ...]:
+    """Drops the links' residuals where nearly all fitted samples are in contact, if the drives have some of their own.
+
+    Args:
+        prepared: All recordings.
+        fitted: Those that are not held out.
+    """
     rest = [name for name in prepared[0].residuals if not uses_motion(name) and name != "velocity"]
-    if not rest or not _mostly_in_contact(_contact_free(prepared), prepared):
+    if not rest or not _mostly_in_contact(_contact_free(prepared), prepared, fitted):
         return prepared
     return tuple(
         replace(item, residuals={name: x for name, x in item.residuals.items() if not uses_motion(name)})
@@ -57,11 +62,11 @@ def without_links_in_contact(prepared: tuple[Prepared, ...]) -> tuple[Prepared, 
     )
 
 
-def contact_note(prepared: Sequence[Prepared]) -> tuple[str, ...]:
+def contact_note(prepared: Sequence[Prepared], fitted: Sequence[int]) -> tuple[str, ...]:
     """Says what the phases of contact mean for the result; empty without any."""
     if all(item.log.in_contact is None for item in prepared):
         return ()
-    free = contact_free_rows(prepared)
+    free = contact_free_rows(prepared, fitted)
     if not free and any(uses_motion(name) for name in prepared[0].residuals):
         if not _contact_free(prepared):
             return ()
@@ -99,16 +104,24 @@ def _contact_free(prepared: Sequence[Prepared]) -> dict[int, Mask]:
     }
 
 
-def _mostly_in_contact(clear: Mapping[int, Mask], prepared: Sequence[Prepared]) -> bool:
-    lost = sum(int((~mask).sum()) for mask in clear.values())
-    return lost > CONTACT_MAX * sum(item.samples for item in prepared)
+def _mostly_in_contact(
+    clear: Mapping[int, Mask], prepared: Sequence[Prepared], fitted: Sequence[int]
+) -> bool:
+    lost = sum(int((~clear[r]).sum()) for r in fitted if r in clear)
+    return lost > CONTACT_MAX * sum(prepared[r].samples for r in fitted)
 
 
 def near_contact(item: Prepared) -> Mask:
     """Rows (M,) within the margin of a contact."""
+    marks = item.log.in_contact
+    return np.zeros(item.samples, dtype=bool) if marks is None else near_marks(item, marks)
+
+
+def near_marks(item: Prepared, marks: Mask) -> Mask:
+    """Rows (M,) within the margin of marked samples (N,)."""
     log = item.log
-    if log.in_contact is None or not log.in_contact.any():
+    if not marks.any():
         return np.zeros(item.samples, dtype=bool)
-    at = log.start + np.flatnonzero(log.in_contact) / log.rate
+    at = log.start + np.flatnonzero(marks) / log.rate
     after = np.searchsorted(at, item.time - MARGIN)
     return np.asarray((after < len(at)) & (at[np.minimum(after, len(at) - 1)] <= item.time + MARGIN))

@@ -270,9 +270,11 @@ def _thinned(log: Log, common: CommonBand) -> Log:
         gravity_compensation=log.gravity_compensation,
         start=log.start,
         in_contact=None if log.in_contact is None else common.thin_mask(log.in_contact),
+        carrying=None if log.carrying is None else common.thin_mask(log.carrying),
         rounding=take(log.rounding),
         effort_steps=log.effort_steps,
         surroundings=log.surroundings,
+        task_object=log.task_object,
     )
     return _in_one_piece(thinned)
 
