@@ -166,7 +166,6 @@ class TorqueSaturation(DriveLaw):
     symbol = "limit"
     peaks = True
     shape = ("limit",)
-    brief = True
     exported = (one_number("torque limit", "L", "limit"),)
     not_compensated = "a motor at its limit has nothing left to add (valid: --scale, or a slower motion)"
     description = Description(

@@ -65,7 +65,6 @@ class Effect(ABC):
             which hands hold the task's object; ``never``, because no recording by itself can show whose it is.
         nearly_linear: The linearisation at its first shape is good enough to find it; the shape is refined once
             the effect is accepted.
-        brief: It may show in a few moments only, by its nature.
         symmetric: On a pair of joints it is the same effect either way round.
         contrasts: Linear combinations of the coefficients that are zero if a simpler effect would do (Wald test).
         bound_to_recording: It happened at a certain time of one recording: no other recording can confirm it, and it
@@ -100,7 +99,6 @@ class Effect(ABC):
     replaces: bool = False
     searched: Literal["always", "under_water", "in_contact", "while_held", "never"] = "always"
     nearly_linear: bool = False
-    brief: bool = False
     symmetric: bool = False
     contrasts: tuple[tuple[float, ...], ...] = ()
     bound_to_recording: bool = False

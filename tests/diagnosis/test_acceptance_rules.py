@@ -48,7 +48,7 @@ def trial(
         "gain": 300.0, "folds": np.array([150.0, 150.0]), "reduction": 0.5, "outside": False, "spread": 0.0,
         "narrow": 0.5,
         "discord": 0.0, "in_sample": SimpleNamespace(displaced=None, contrast_chi_square=np.inf, own=np.ones(1)),
-        "momentary": lambda part, least: False, "reach_on": lambda chosen: reach, "advantage": lambda rival: 0.0,
+        "reach_on": lambda chosen: reach, "advantage": lambda rival: 0.0,
     }  # fmt: skip
     return SimpleNamespace(term=term, model_fit=model_fit, reach=reach, **{**good, **numbers})
 
@@ -74,7 +74,6 @@ CRITERIA = {
     "gains too little": ({"gain": PENALTY + 7.49}, {"gain": PENALTY + 7.51}),
     "removes only": ({"reduction": 0.049}, {"reduction": 0.051}),
     "harms on others": ({"folds": np.array([100.0, -15.1])}, {"folds": np.array([100.0, -14.9])}),
-    "a few moments": ({"momentary": lambda part, least: (part, least) == (0.05, 3.0)}, {}),
     "end of what is physical": ({"outside": True}, {}),
     "another cause would leave": ({"in_sample": SimpleNamespace(displaced=object())}, {}),
     "helps on one alone": ({"spread": 0.31, "narrow": 0.951}, {"spread": 0.31, "narrow": 0.949}),
@@ -94,11 +93,6 @@ def test_each_criterion_rejects_by_itself(reason: str) -> None:
 def test_what_spreads_little_may_gain_on_one_joint_and_one_number_of_a_joint_may_disagree() -> None:
     assert rejection_reason(trial(spread=0.29, narrow=1.0), []) is None
     assert rejection_reason(trial(discord=9.0), []) is None
-
-
-def test_what_is_brief_by_its_nature_may_come_from_a_few_moments() -> None:
-    brief = next(name for name, effect in CATALOGUE.items() if effect.brief)
-    assert rejection_reason(trial(brief, momentary=lambda part, least: True), []) is None
 
 
 @pytest.mark.parametrize(

@@ -209,24 +209,6 @@ def test_a_trials_advantage_is_judged_where_it_acts() -> None:
     assert trial.advantage(None) > 3.0 and trial.advantage(trial) == 0.0
 
 
-@pytest.mark.parametrize("moments", [1, 17])
-def test_a_gain_in_a_few_moments_is_told_from_one_that_lasts(moments: int) -> None:
-    """The same power in one second of every recording, or in all of them."""
-    own = layout(("push", "a", "link"), {0: 0}, 1)
-    design = random_design(np.random.default_rng(7), [own], rate=5.0)
-    X = [list(found) for found in design.X]
-    for found in X:
-        shown = np.zeros(len(found[0]))
-        for k in range(moments):
-            shown[5 * k : 5 * k + 5] = 1.0 / np.sqrt(moments)
-        found[0] = (found[0] * shown[:, None]).astype(np.float32)
-    design = with_cause(replace(design, X=tuple(tuple(found) for found in X)), own, [12.0])
-    trial = try_term(fitted(design), term_of(design, own))
-    assert trial.unseen_gain > 50.0
-    assert trial.momentary(0.05, 3.0) is (moments == 1)
-    assert not trial.momentary(0.05, -1e9)
-
-
 def test_what_a_candidate_drives_out_of_its_bounds_is_named() -> None:
     """Two nearly equal columns share one torque; the second takes it all, and the first becomes negative."""
     first = layout(("first", "a", "link"), {0: 0}, 1, bounds=(0.0, np.inf))

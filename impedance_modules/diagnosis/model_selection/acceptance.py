@@ -25,12 +25,6 @@ RICHER = 4.0
 BIC_MIN = 15.0
 """Least improvement of the Bayesian information criterion."""
 
-TRIMMED = 0.05
-"""Part of the blocks of time, those that gain most, without which a cause must still gain ..."""
-
-TRIMMED_MIN = 3.0
-"""... so much [nats], or half of all it gains: what happens in a few moments only can be confirmed by nothing else."""
-
 SPECIFIC = 8.0
 """Log-likelihood by which a generic regressor must beat a cause that is none [nats]."""
 
@@ -133,10 +127,6 @@ def rejection_reason(trial: CandidateTrial, generic: Sequence[CandidateTrial]) -
             f"removes only {100 * trial.reduction:.1f} % of the residual on unseen recordings",
         ),
         (lost > HARM_MAX * won, "helps on some recordings and harms on others"),
-        (
-            not _brief(trial) and trial.momentary(TRIMMED, TRIMMED_MIN),
-            "its gain comes from a few moments only",
-        ),
         (trial.outside, "its parameters are at the end of what is physical, or beyond"),
         (
             trial.in_sample.displaced is not None,
@@ -187,11 +177,6 @@ def _in_proportion(one: CandidateTrial, other: CandidateTrial) -> bool:
     if not all("body" in key for key in keys) or one.term.layout.free > 1 or other.term.layout.free <= 1:
         return False
     return one.reach >= ALMOST_ALL * other.reach
-
-
-def _brief(trial: CandidateTrial) -> bool:
-    """Whether a candidate shows in a few moments by its nature: what a drive cuts off, it cuts off at the peaks."""
-    return not trial.term.generic and trial.term.candidate.effect.brief
 
 
 def _does_better(rival: CandidateTrial, trial: CandidateTrial) -> bool:

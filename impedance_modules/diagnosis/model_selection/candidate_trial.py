@@ -161,21 +161,6 @@ class CandidateTrial:
         """Residual power that it explains in some groups."""
         return float(self.powers[list(groups)].sum())
 
-    def momentary(self, part: float, least: float) -> bool:
-        """Whether its gain comes from a few moments: what the other blocks gain is little, and less than half.
-
-        Args:
-            part: Of all blocks, those that gain most, which are left out.
-            least: What the others must gain to be enough in any case [nats].
-        """
-        groups = self.term.groups
-        gains = losses(self.model_fit, self.model_fit.unseen, groups) - losses(
-            self.model_fit, self.unseen, groups
-        )
-        most = max(2, int(np.ceil(part * len(gains))))
-        rest = 0.5 * float(np.sum(np.sort(gains)[: len(gains) - most]))
-        return rest < least and rest < 0.25 * float(np.sum(gains))
-
     def advantage(self, rival: CandidateTrial | None) -> float:
         """Standard errors by which its held-out losses lie below a rival's, or below the model's own.
 
