@@ -75,15 +75,15 @@ class ProbabilityLaw:
 
 
 LAW = ProbabilityLaw(
-    base=-5.751,
+    base=-4.278,
     coefficients={
-        "gain": 1.672,
-        "lead": 0.201,
-        "deviations": 1.345,
-        "unexplained": -0.886,
-        "motion": 1.598,
+        "gain": 2.210,
+        "deviations": 0.361,
+        "lack_of_fit": -0.860,
+        "unexplained": -1.360,
+        "motion": 0.244,
     },
-    alternative=0.172,
+    alternative=0.399,
 )
 """Fitted, and printed, by `python -m benchmarks.wide calibrate OUT`; docs/wide-benchmark.md says to how many causes."""
 

@@ -18,7 +18,6 @@ import numpy as np
 
 import impedance_modules
 from impedance_modules.arrays import Array
-from impedance_modules.diagnosis.patch_entries import patch_entry
 from impedance_modules.diagnosis.result import (
     Cause,
     CauseRollout,
@@ -30,6 +29,7 @@ from impedance_modules.diagnosis.result import (
     RolloutError,
     Swallowed,
 )
+from impedance_modules.diagnosis.rollout.patch_entry import patch_entry
 from impedance_modules.effects.catalogue import CATALOGUE
 
 FORMAT = 1

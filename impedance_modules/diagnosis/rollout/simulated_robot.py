@@ -23,7 +23,6 @@ from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
 from impedance_modules.diagnosis.data.rigid_tree import Body, RigidTree, pseudo_inertia
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
-from impedance_modules.diagnosis.patch_entries import patch_entry
 from impedance_modules.diagnosis.regression.nuisance_columns import (
     INERTIA_PRIOR,
     TIMING_PRIOR,
@@ -31,6 +30,7 @@ from impedance_modules.diagnosis.regression.nuisance_columns import (
     inertia_prior,
 )
 from impedance_modules.diagnosis.result import Cause, LeftOut
+from impedance_modules.diagnosis.rollout.patch_entry import patch_entry
 from impedance_modules.effects.apply import apply_patch, apply_to_plant
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.effect_description import Port
