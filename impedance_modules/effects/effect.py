@@ -39,13 +39,13 @@ Values = Mapping[str, float]
 PRESLIDING = "presliding"
 """Shape: presliding displacement [rad], over which dry friction changes its sign; zero where a speed decides."""
 
-PRESLIDING_DISPLACEMENTS = (0.01, 0.03, 0.1, 0.2)
+PRESLIDING_DISPLACEMENTS = (0.03, 0.1, 0.2)
 """Displacements tried, in multiples of the distance that a joint moves in a second at the regularisation velocity."""
 
 REGULARISATION = "regularisation"
 """Shape: multiple of the usual regularisation velocity of dry friction; missing where it is the usual one."""
 
-WIDER_REGULARISATIONS = (0.3, 3.0, 7.0)
+WIDER_REGULARISATIONS = (3.0, 7.0)
 """Multiples tried: wet surfaces creep before they slide, and so do the constraints of simulators."""
 
 
