@@ -192,7 +192,7 @@ def test_a_withheld_heavier_object_is_diagnosed_from_a_task_that_was_run(tmp_pat
         tmp_path, applied("object_inertia", "link", "object", m=HEAVY).entry(), robot="baxter"
     )
     free, held, own = tmp_path / "free", tmp_path / "held", tmp_path / "own"
-    task = "any-robot/pick-and-place"
+    task = "pick-and-place"
     invoke("run", "reach-and-return", "--seed", 3, "--out", free)
     invoke("run", task, "--seed", 1, "--effects", patch, "--out", held)
     invoke("run", task, "--seed", 2, "--out", own)
