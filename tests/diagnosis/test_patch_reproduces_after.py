@@ -26,7 +26,6 @@ from impedance_modules.diagnosis.residuals.preparation import Prepared, prepare
 from impedance_modules.diagnosis.result import Cause, Diagnosis, Estimate
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.regressor import PAIR, Site
-from impedance_modules.effects.surface_effects import SurfaceEffect
 from impedance_modules.spec.patch_file import EffectSpec, read_patch
 from impedance_modules.spec.robot_reader import read_robot
 
@@ -42,7 +41,8 @@ NUMBERS = {truth.effect: truth.numbers for truth in reversed(TRUTHS)}
 CASES = [
     (effect.id, port)
     for effect in CATALOGUE.values()
-    if not isinstance(effect, SurfaceEffect)  # its patch changes the task's surface, not the robot's model
+    if effect.searched
+    not in ("in_contact", "while_held")  # its patch changes the task, not the robot's model
     for port in effect.description.ports
 ]
 BEHIND, STIFF = ("joint_elasticity", "sensor"), {"K": 20000.0}
