@@ -116,6 +116,7 @@ TRUTHS: tuple[Truth, ...] = (
     Truth("surface_height", "contact", "surface 1", {"dh": 0.004}),
     Truth("surface_stiffness", "contact", "surface 1", {"k": 8000.0}),
     Truth("surface_friction", "contact", "surface 1", {"mu": 0.5}),
+    Truth("object_inertia", L, "object", {"m": 1.5}),
 )
 """Each effect at the ports where one of its pairs is a pair; the first one counts where the partner meets none."""
 
@@ -124,6 +125,7 @@ OTHER_RECORDINGS: Mapping[str, str] = {
     "surface_height": CONTACT,
     "surface_stiffness": CONTACT,
     "surface_friction": CONTACT,
+    "object_inertia": "it needs a hand that holds an object, and here hands are empty",
 }
 """Effects whose poor recordings this benchmark does not make, and why."""
 
