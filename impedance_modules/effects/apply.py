@@ -14,7 +14,7 @@ from impedance_modules.effects.plant_builder import PlantBuilder, PlantEffects
 from impedance_modules.effects.surface_effects import SurfaceEffect, surface_index
 from impedance_modules.errors import BadFile, BadInput
 from impedance_modules.robot.model import RobotModel
-from impedance_modules.spec.patch_file import PatchSpec
+from impedance_modules.spec.patch_file import EffectSpec, PatchSpec
 from impedance_modules.spec.robot_spec import RobotSpec
 from impedance_modules.spec.task import ObjectSpec, SurfaceSpec
 
@@ -96,20 +96,30 @@ def apply_to_object(held: ObjectSpec | None, patch: PatchSpec) -> ObjectSpec | N
     Raises:
         BadFile: The patch has an object that the task lacks; every problem with its place.
     """
-    problems = []
-    for place, spec in enumerate(patch.effects):
-        effect = CATALOGUE[spec.effect]
-        if not isinstance(effect, ObjectInertia):
-            continue
-        if held is None:
-            where = ("effects", place, "parameters", OBJECT_KEY)
-            message = "no hand of the task holds an object"
-            problems.append(patch.document.problem(where, message, ("a task with 'object'",), "key"))
-            continue
-        for quantities in spec.parameters.values():
-            held = effect.apply_to_object(held, numbers(quantities))
+    if held is not None:
+        return object_with(held, patch.effects)
+    problems = [
+        patch.document.problem(
+            ("effects", place, "parameters", OBJECT_KEY),
+            "no hand of the task holds an object",
+            ("a task with 'object'",),
+            "key",
+        )
+        for place, spec in enumerate(patch.effects)
+        if isinstance(CATALOGUE[spec.effect], ObjectInertia)
+    ]
     if problems:
         raise BadFile(problems)
+    return None
+
+
+def object_with(held: ObjectSpec, effects: Sequence[EffectSpec]) -> ObjectSpec:
+    """Returns an object with the effects that change it; others are passed over."""
+    for spec in effects:
+        effect = CATALOGUE[spec.effect]
+        if isinstance(effect, ObjectInertia):
+            for quantities in spec.parameters.values():
+                held = effect.apply_to_object(held, numbers(quantities))
     return held
 
 

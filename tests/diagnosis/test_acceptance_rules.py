@@ -211,7 +211,7 @@ def left(*squares: float) -> SimpleNamespace:
 
 def compared(rival: SimpleNamespace, own: SimpleNamespace | None = None, ahead: float = 0.0) -> bool:
     own = trial(advantage=lambda _: ahead) if own is None else own
-    return rivalry._equal(own, rival)
+    return rivalry._equal(own, rival, lambda: rivalry._refitted_gain(own))
 
 
 @pytest.mark.parametrize(

@@ -116,7 +116,9 @@ def test_what_other_causes_hold_is_no_rival(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(rivals, "promising", lambda ranked, count: ranked)
     monkeypatch.setattr(rivals, "try_term", lambda model_fit, own: SimpleNamespace(term=own))
     monkeypatch.setattr(rivals, "both_delay_torque", lambda own, found: False)
-    monkeypatch.setattr(rivals, "_equal", lambda own, rival: rival.term.candidate.effect.id == "equal")
+    monkeypatch.setattr(
+        rivals, "_equal", lambda own, rival, refitted: rival.term.candidate.effect.id == "equal"
+    )
     monkeypatch.setattr(rivals, "_named", lambda candidate, why: (candidate.effect.id, candidate.key))
     monkeypatch.setattr(rivals, "_reason", lambda own, rival: "worse")
     layouts = [SimpleNamespace(shaped=SimpleNamespace(key=one.key), term=one) for one in offered]

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.task_surfaces import task_data
-from impedance_modules.effects.catalogue import CATALOGUE
-from impedance_modules.effects.object_inertia import ObjectInertia
+from impedance_modules.effects.apply import object_with
 from impedance_modules.episode.data import Episode
 from impedance_modules.spec.build_task import build_object
 from impedance_modules.spec.gripper_spec import CLOSE
@@ -48,15 +47,7 @@ class TaskObject:
 
     def with_known(self, known: Sequence[EffectSpec]) -> TaskObject:
         """Applies the known effects of a patch to the object."""
-        spec = self.spec
-        for entry in known:
-            effect = CATALOGUE[entry.effect]
-            if isinstance(effect, ObjectInertia):
-                for symbols in entry.parameters.values():
-                    spec = effect.apply_to_object(
-                        spec, {symbol: quantity.value for symbol, quantity in symbols.items()}
-                    )
-        return replace(self, spec=spec)
+        return replace(self, spec=object_with(self.spec, known))
 
 
 def task_object_of(episode: Episode, limbs: Mapping[str, str], joints: Sequence[str]) -> TaskObject | None:

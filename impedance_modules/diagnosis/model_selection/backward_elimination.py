@@ -84,7 +84,7 @@ def merge_delays(
         and term.key[1] not in delayed
     ]
     # Together first: the stamps' common error makes up for one joint's delay that is taken alone for a lag.
-    for some in (lags, *([lag] for lag in lags)):
+    for some in (lags, *([lag] for lag in lags)) if len(lags) > 1 else (lags,):
         kept = _delayed_as_well(kept, some, make, refiner)
     return kept
 

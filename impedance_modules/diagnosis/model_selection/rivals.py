@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import cache
 
 import numpy as np
 
@@ -48,6 +49,7 @@ def judge_rivals(
     """
     model_fit = selector.model_fit([other for other in causes if other is not term])
     own = try_term(model_fit, term)
+    refitted = cache(lambda: _refitted_gain(own))
     held = {other.key for other in causes}
     equal: list[Rival] = []
     lost: list[Rival] = []
@@ -63,7 +65,7 @@ def judge_rivals(
         other = not same_name(candidate, term.candidate)
         if (
             other
-            and _equal(own, rival)
+            and _equal(own, rival, refitted)
             and (selector.plausibility.unphysical(rival) is None or _open(rival, own))
         ):
             equal.append(_named(candidate, "fits unseen recordings as well"))
@@ -101,13 +103,13 @@ def _named(candidate: Candidate, reason: str) -> Rival:
     return Rival(candidate.effect.id, candidate.joints, reason)
 
 
-def _equal(own: CandidateTrial, rival: CandidateTrial) -> bool:
+def _equal(own: CandidateTrial, rival: CandidateTrial, refitted: Callable[[], float]) -> bool:
     """Whether nothing decides between a cause and a rival that explains about as much power.
 
     A trial keeps the weights of the model without the cause. Where the gap is large they are small, and the links'
     errors stay within a prior that nothing moves: a cause that can imitate these errors too, a load beside a constant
     torque, would seem ahead by what the nuisance explains as soon as the gap is closed. So a cause must be ahead in the
-    trial and once everything is fitted beside each of the two.
+    trial and once everything is fitted beside each of the two; ``refitted`` gives its own gain then.
     """
     groups = own.term.groups
     mine, its = own.reach_on(groups), rival.reach_on(groups)
@@ -120,7 +122,7 @@ def _equal(own: CandidateTrial, rival: CandidateTrial) -> bool:
         return False
     if penalised_gain(own) - penalised_gain(rival) < DECIDED:
         return True
-    return _refitted_gain(own) - _refitted_gain(rival) < DECIDED
+    return refitted() - _refitted_gain(rival) < DECIDED
 
 
 def _refitted_gain(trial: CandidateTrial) -> float:
