@@ -60,7 +60,7 @@ def refuse_counts(jobs: int | None, scheduler: str | None) -> None:
         BadInput: Says what would be valid.
     """
     if jobs is not None and jobs < 1:
-        raise BadInput(f"--jobs {jobs}: not a number of runs or cores (valid: 1 or more)")
+        raise BadInput(f"--jobs {jobs}: not a number of cores (valid: 1 or more)")
     if jobs is not None and scheduler is not None:
         raise BadInput("--jobs counts local cores, --scheduler uses none of them (valid: one of the two)")
 
