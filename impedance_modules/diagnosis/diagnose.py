@@ -44,6 +44,7 @@ from impedance_modules.diagnosis.residuals.contact_mask import (
     contact_note,
     without_links_in_contact,
 )
+from impedance_modules.diagnosis.residuals.gap_mask import gap_note
 from impedance_modules.diagnosis.residuals.preparation import Prepared, prepare
 from impedance_modules.diagnosis.result import DEFAULT_TOLERANCE, Diagnosis, LeftOut, Remainder, no_rollout
 from impedance_modules.diagnosis.rollout.rollout_stage import with_rollouts
@@ -117,7 +118,8 @@ def diagnose(
     left_out = {*without, *not_searched(under_water=under_water)}
     evidence = search_causes(prepared, split, model, left_out, progress, each)
     evidence, small = without_negligible(evidence)
-    notes = (*split.warnings, *contact_note(prepared, split.fitted), *evidence.notes, *small)
+    left_out_rows = (*contact_note(prepared, split.fitted), *gap_note(prepared), *evidence.notes)
+    notes = (*split.warnings, *left_out_rows, *small)
     while True:
         found = _concluded(evidence, model, report, notes, progress)
         progress("simulating the held-out recordings")

@@ -431,7 +431,8 @@ def test_the_share_of_pushes_is_the_power_beyond_noise_where_they_are() -> None:
         calibrated=None,
         floor=SimpleNamespace(rms=np.array([[0.5]])),
         unit_power=np.array([2.0]),
-        contact_free=lambda recording, group: np.array([False, True, True, True]),
+        counted=lambda recording, group: np.array([False, True, True, True]),
+        _pushed=lambda recording, group: np.array([True, False, False, False]),
     )
     inside, whole = 9.0 - 0.25, 12.0 - 4 * 0.25
     assert Evidence.pushed_share.func(own) == pytest.approx(inside / whole)

@@ -105,7 +105,7 @@ class _Item:
 def _item(touched: slice, residuals: tuple[str, ...] = ("link", "actuator", "velocity")) -> _Item:
     marks = np.zeros(1000, dtype=bool)
     marks[touched] = True
-    log = SimpleNamespace(in_contact=marks, rate=100.0, start=0.0, duration=10.0)
+    log = SimpleNamespace(in_contact=marks, rate=100.0, start=0.0, duration=10.0, gaps=np.zeros((0, 2)))
     return _Item(log, dict.fromkeys(residuals, 0.0), 1000, np.arange(1000) / 100.0)
 
 

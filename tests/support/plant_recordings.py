@@ -2,6 +2,7 @@
 """Recordings of two joints of the six-joint robot, made on its plant: tracked tones, noisy sensors."""
 
 import shutil
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,6 +21,10 @@ SIX_JOINTS = TESTS / "robots" / "six_joint_pair"
 RATE = 500.0
 MOVING = ("port_lift", "port_bend")
 START = np.array([0.5, -1.2])
+TREMOR = 6.0
+"""Its frequency [Hz]."""
+STALL = 0.036
+"""Time for which a controller stops [s]."""
 SWING = np.array([0.25, 0.3])
 CHANGES = {
     "spring_damping: {turn: 0, lift: 1.0, bend: 1.0,": "spring_damping: {turn: 0, lift: 0, bend: 0,",
@@ -60,8 +65,19 @@ effects:
 """
 
 
-def record(folder: Path, robot: Path, patch: str | None, seconds: float = 6.0) -> list[Path]:
-    """Three motions, the last one twice; the repeat's noise differs."""
+def record(
+    folder: Path,
+    robot: Path,
+    patch: str | None,
+    seconds: float = 6.0,
+    stalls: Sequence[float] = (),
+    tremor: float = 0.0,
+) -> list[Path]:
+    """Three motions, the last one twice; the repeat's noise differs.
+
+    At the times of ``stalls`` the controller stops for `STALL`: the robot holds the last command, and no row is
+    written. Commands have a tremor of so many N.m.
+    """
     spec, applied = two_joints(robot), None
     if patch is not None:
         (folder / "truth.yaml").write_text(patch)
@@ -73,11 +89,14 @@ def record(folder: Path, robot: Path, patch: str | None, seconds: float = 6.0) -
     for index, motion in enumerate([0, 1, 2, 2]):
         plant = Plant(model, [], None, PlantOptions(rate=RATE, seed=index, step=0.5e-3), applied)
         about = {"gravity_compensation": "robot", "repeat_of": "run2" if index == 3 else None}
-        paths.append(save(folder, f"run{index}", _run(plant, motion, seconds), robot=spec.name, **about))
+        columns = _run(plant, motion, seconds, stalls, tremor)
+        paths.append(save(folder, f"run{index}", columns, robot=spec.name, **about))
     return paths
 
 
-def _run(plant: Plant, motion: int, seconds: float) -> dict[str, np.ndarray]:
+def _run(
+    plant: Plant, motion: int, seconds: float, stalls: Sequence[float], tremor: float
+) -> dict[str, np.ndarray]:
     model = plant.model
     random = np.random.default_rng(50 + motion)
     tones = random.uniform(0.1, 0.9, (4, model.n))
@@ -87,9 +106,12 @@ def _run(plant: Plant, motion: int, seconds: float) -> dict[str, np.ndarray]:
     inertia = np.diag(model.mass_matrix(q0))
     plant.reset(q0)
     deflection = plant.motor_position - q0
-    rows = []
+    times, rows, command = [], [], np.zeros(model.n)
     for k in range(round(seconds * RATE)):
         t = k / RATE
+        if any(0.0 < t - begin < STALL for begin in stalls):
+            plant.advance(command)
+            continue
         ramp = 1.0 - np.exp(-((t / 0.5) ** 2))
         angle = 2.0 * np.pi * tones * t + phases
         aim = q0 + ramp * np.sum(sizes * (np.sin(angle) - np.sin(phases)), axis=0)
@@ -97,8 +119,10 @@ def _run(plant: Plant, motion: int, seconds: float) -> dict[str, np.ndarray]:
         state = plant.sense()
         ahead = plant.motor_position - deflection
         command = inertia * (60.0 * (aim - ahead) + 12.0 * (speed - plant.motor_velocity))
+        command += tremor * np.sin(2.0 * np.pi * TREMOR * t)
+        times.append(t)
         rows.append((state.position, state.velocity, state.effort, command))
         plant.advance(command)
     kinds = ("position", "velocity", "effort", "effort_command")
     recorded = dict(zip(kinds, map(np.array, zip(*rows, strict=True)), strict=True))
-    return columns_of(np.arange(len(rows)) / RATE, model.joint_names, **recorded)
+    return columns_of(np.array(times), model.joint_names, **recorded)

@@ -26,6 +26,7 @@ from impedance_modules.diagnosis.data.long_recordings import segment_note, segme
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
 from impedance_modules.diagnosis.data.stamps import (
     JITTER_WARNING,
+    gaps_of,
     refuse_disorder,
     resampled,
     sampling_times,
@@ -163,6 +164,7 @@ def _log(episode: Episode, model: NominalModel, steps: Array, warnings: list[str
         surroundings=task_surfaces_of(str(episode.metadata.get("task") or ""), model.hands),
         task_object=task_object_of(episode, model.hands, model.joints),
         carrying=carrying(episode, time, in_contact(episode, time, holding=False)),
+        gaps=gaps_of(stamps) - segment_origin(episode),
     )
     return log, jitter
 

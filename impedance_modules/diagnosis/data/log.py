@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +45,8 @@ class Log:
         surroundings: What the task says that the hands could touch; None where it says nothing.
         task_object: Object of the task, and who holds it; None where it has none.
         carrying: (N,) samples in which hands hold it for certain, and nothing is touched; None where there are none.
+        gaps: (G, 2) times of the last sample before and of the first after several lost ones in a row, since the
+            recording began [s].
     """
 
     name: str
@@ -64,6 +66,7 @@ class Log:
     surroundings: TaskSurfaces | None = None
     task_object: TaskObject | None = None
     carrying: Mask | None = None
+    gaps: Array = field(default_factory=lambda: np.zeros((0, 2)))
 
     @property
     def samples(self) -> int:

@@ -26,6 +26,9 @@ JITTER_WARNING = 0.1
 GAP_MAX = 20
 """A gap longer than this many steps is not interpolated; a logger holds no more samples back."""
 
+LOST, SEVERAL_LOST = 1.8, 2.5
+"""From so many steps between two stamps on a sample was lost, and more than one."""
+
 EVEN_STEPS = 1e-3
 """Stamps that are even to this part of a step are taken as they are."""
 
@@ -130,8 +133,14 @@ def refuse_disorder(time: Array, place: str) -> None:
 def stamp_jitter(time: Array) -> float:
     """Gives the rms deviation of the steps between stamps over the median step; lost samples do not count."""
     step, steps = _step(time), np.diff(time)
-    typical = steps[steps < 3.0 * step]
+    typical = steps[steps < LOST * step]
     return float(np.sqrt(np.mean((typical - step) ** 2)) / step)
+
+
+def gaps_of(time: Array) -> Array:
+    """Finds where several samples in a row were lost: (G, 2) times of the samples before and after [s]."""
+    late = np.flatnonzero(np.diff(time) > SEVERAL_LOST * _step(time))
+    return np.column_stack([time[late], time[late + 1]])
 
 
 def uniform_time(time: Array, place: str, warnings: list[str]) -> tuple[Array, float]:
@@ -158,9 +167,10 @@ def uniform_time(time: Array, place: str, warnings: list[str]) -> tuple[Array, f
         raise BadInput(
             f"{place}: a gap of {steps.max():.3g} s after row {row} (valid: split the recording there)"
         )
-    if steps.max() > 1.8 * step:
-        warnings.append(f"{place}: {int((steps > 1.8 * step).sum())} samples were dropped; interpolated")
-    count = len(time) + int(np.maximum(np.round(steps / step) - 1.0, 0.0)[steps > 1.8 * step].sum())
+    lost = int((np.round(steps / step) - 1.0)[steps > LOST * step].sum())
+    if lost:
+        warnings.append(f"{place}: {lost} samples were dropped; interpolated")
+    count = len(time) + lost
     even = np.linspace(time[0], time[-1], count)
     return even, float((count - 1) / (even[-1] - even[0]))
 

@@ -56,6 +56,7 @@ from impedance_modules.diagnosis.residuals.contact_mask import (
     intersect_masks,
     rows_of_link_residuals,
 )
+from impedance_modules.diagnosis.residuals.gap_mask import rows_of_all_residuals, rows_without_gaps
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.external_contact import ExternalContact
@@ -114,7 +115,7 @@ def _selector(
     without: Collection[str],
     each: OrderedMap,
 ) -> Selector:
-    """Builds the columns of all candidates, the noise floor and the design; rows in contact are masked."""
+    """Builds the columns of all candidates, the noise floor and the design; rows in contact and at gaps are masked."""
     signals = _cleaned(prepared, split)
     # What happened at one time in one recording can be confirmed by no other: it is searched for by itself.
     bound = {effect.id for effect in CATALOGUE.values() if effect.bound_to_recording}
@@ -128,7 +129,10 @@ def _selector(
     regressors = candidate_regressors(shaped, prepared, signals, residuals, each)
     nuisance = build_nuisance(prepared, model.tree.inertia)
     raw = [[item.residuals[name][:, joint] for name, joint in nuisance.groups] for item in prepared]
-    mask = rows_of_link_residuals(contact_free_rows(prepared, split.fitted), nuisance.groups)
+    mask = intersect_masks(
+        rows_of_link_residuals(contact_free_rows(prepared, split.fitted), nuisance.groups),
+        rows_of_all_residuals(rows_without_gaps(prepared), len(nuisance.groups)),
+    )
     floor = _floor(raw, prepared, nuisance, [*generic, *_simple_candidates(regressors)], split.fitted, mask)
     rate = prepared[0].band.rate / prepared[0].band.step
     names = [item.log.name for item in prepared]

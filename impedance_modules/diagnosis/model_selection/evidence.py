@@ -15,17 +15,18 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from impedance_modules.arrays import Array
-from impedance_modules.diagnosis.model_selection.external_pushes import ExternalPush
+from impedance_modules.diagnosis.model_selection.external_pushes import ExternalPush, rows_without_pushes
 from impedance_modules.diagnosis.model_selection.forward_selection import Refusal, Selector
 from impedance_modules.diagnosis.regression.candidates import Group
 from impedance_modules.diagnosis.regression.design_matrix import Design
 from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm
 from impedance_modules.diagnosis.regression.parameter_estimates import UnwhitenedFit
 from impedance_modules.diagnosis.regression.whitening import Whitening
+from impedance_modules.diagnosis.residuals.contact_mask import Mask, near_contact
 from impedance_modules.diagnosis.residuals.preparation import Prepared
+from impedance_modules.effects.residual_kinds import uses_motion
 
 NEGLIGIBLE = 1e-3
 """Negligible part of a joint's own load, or speed."""
@@ -91,15 +92,26 @@ class Evidence:
         chosen = self.heldout if recordings is None else recordings
         left = [self.design.raw[r] if model_fit is None else self.plain.left(model_fit, r) for r in chosen]
         shown = [
-            np.concatenate([x[g][self.contact_free(r, g)] for r, x in zip(chosen, left, strict=True)])
+            np.concatenate([x[g][self.counted(r, g)] for r, x in zip(chosen, left, strict=True)])
             for g in range(len(self.design.groups))
         ]
         return np.array([np.sqrt(np.mean(values**2)) if values.size else 0.0 for values in shown])
 
-    def contact_free(self, recording: int, group: int) -> NDArray[np.bool_]:
-        """(M,) rows of a residual in a recording that are free of contact."""
+    def counted(self, recording: int, group: int) -> Mask:
+        """(M,) rows of a residual in a recording that count: not masked for contact, gaps or reversals."""
         everything = np.ones(self.prepared[recording].samples, dtype=bool)
         return self.design.whitening.clear.get((recording, group), everything)
+
+    def touched(self, recording: int, group: int) -> Mask:
+        """(M,) rows of a residual in a recording that are masked because something is touched or pushes."""
+        item = self.prepared[recording]
+        return ~self.counted(recording, group) & (near_contact(item) | self._pushed(recording, group))
+
+    def _pushed(self, recording: int, group: int) -> Mask:
+        outside = rows_without_pushes(self.pushes, self.prepared).get(recording)
+        if outside is None or not uses_motion(self.design.groups[group][0]):
+            return np.zeros(self.prepared[recording].samples, dtype=bool)
+        return ~outside
 
     @cached_property
     def pushed_share(self) -> float:
@@ -108,8 +120,9 @@ class Evidence:
         for r in range(len(self.prepared)):
             for g, values in enumerate(self.plain.left(self.calibrated, r)):
                 power = (values**2 - self.floor.rms[r, g] ** 2) / self.unit_power[g]
-                inside += float(power[~self.contact_free(r, g)].sum())
-                total += float(power.sum())
+                pushed = self._pushed(r, g)
+                inside += float(power[pushed].sum())
+                total += float(power[pushed | self.counted(r, g)].sum())
         return float(np.clip(inside / total, 0.0, 1.0)) if total > 0.0 else 0.0
 
     def excess(self, model_fit: ModelFit | None) -> float:

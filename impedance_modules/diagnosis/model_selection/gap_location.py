@@ -52,9 +52,9 @@ def locate_gap(evidence: Evidence, model: NominalModel) -> tuple[GapLocation, ..
         series = [found[group] for found in left]
         for r, (item, values) in enumerate(zip(prepared, series, strict=True)):
             power = (values**2 - floor.rms[r, group] ** 2) / unit_power[group]
-            free = evidence.contact_free(r, group)
-            sorted_out = {name: mask & free for name, mask in regimes(item, model, joint).items()}
-            for name, mask in (sorted_out | {"contact": ~free}).items():
+            counted = evidence.counted(r, group)
+            sorted_out = {name: mask & counted for name, mask in regimes(item, model, joint).items()}
+            for name, mask in (sorted_out | {"contact": evidence.touched(r, group)}).items():
                 excess[name] = excess.get(name, 0.0) + float(power[mask].sum())
         band = _band(series, prepared[0])
         for name, value in excess.items():

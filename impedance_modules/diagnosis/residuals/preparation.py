@@ -275,6 +275,7 @@ def _thinned(log: Log, common: CommonBand) -> Log:
         effort_steps=log.effort_steps,
         surroundings=log.surroundings,
         task_object=log.task_object,
+        gaps=log.gaps,
     )
     return _in_one_piece(thinned)
 

@@ -22,6 +22,7 @@ from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.log import Log
 from impedance_modules.diagnosis.data.rigid_dynamics import gravity_regressor
 from impedance_modules.diagnosis.data.rigid_tree import RigidTree
+from impedance_modules.diagnosis.residuals.gap_mask import long_gaps
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.diagnosis.rollout.simulated_robot import PerturbedPlant
 from impedance_modules.effects.joint_motion import JointHistory
@@ -83,18 +84,18 @@ def floor_windows(
 
 
 def place_windows(prepared: Sequence[Prepared], members: Sequence[int], count: int) -> list[RolloutWindow]:
-    """Places windows at the same, even times in several recordings; none while one of them is in contact.
+    """Places windows at the same, even times in several recordings; none in contact or where samples are missing.
 
     The simulated plant has no environment.
     """
     last = min(prepared[index].log.duration for index in members) - MARGIN - WINDOW
     if last <= MARGIN:
         return []
-    if any(prepared[index].log.in_contact is not None for index in members):
+    if any(prepared[index].log.in_contact is not None or long_gaps(prepared[index]) for index in members):
         free = [
             start
             for start in np.arange(MARGIN, last, 0.25 * WINDOW)
-            if not any(_contact_in(prepared[index], float(start)) for index in members)
+            if not any(_unusable(prepared[index], float(start)) for index in members)
         ]
         places = np.linspace(0, len(free) - 1, count + 2)[1:-1]
         starts = np.unique([free[round(place)] for place in places if free])
@@ -325,9 +326,12 @@ def _at(time: Array, grid: Array, values: Array) -> Array:
     return np.asarray(values[first] * (1.0 - part) + values[first + 1] * part)
 
 
-def _contact_in(item: Prepared, start: float) -> bool:
-    """Whether any sample of a window is in contact, by the recording's phases."""
+def _unusable(item: Prepared, start: float) -> bool:
+    """Whether any sample of a window is in contact, by the recording's phases, or missing."""
     in_contact, rate = item.log.in_contact, item.log.rate
+    begin, end = item.log.start + start - HISTORY, item.log.start + start + WINDOW
+    if any(first < end and last > begin for first, last in long_gaps(item)):
+        return True
     if in_contact is None:
         return False
     return bool(in_contact[round((start - HISTORY) * rate) : round((start + WINDOW) * rate) + 1].any())

@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Where several samples in a row were lost, nothing is known: rows about it do not count, and no cause is named."""
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from impedance_modules.diagnosis.data.stamps import gaps_of, stamp_jitter
+from impedance_modules.diagnosis.residuals.band import filter_length
+from impedance_modules.diagnosis.residuals.gap_mask import FILLED_MAX, long_gaps, rows_without_gaps
+from impedance_modules.diagnosis.rollout.simulated_windows import HISTORY, WINDOW, place_windows
+from tests.support.commands import invoke
+from tests.support.plant_recordings import record, robot_folder
+
+RATE, CUTOFF = 200.0, 10.0
+
+
+def recording(gaps: np.ndarray, seconds: float = 10.0, start: float = 0.0) -> Any:
+    time = start + np.arange(round(seconds * RATE / 5.0)) / (RATE / 5.0)
+    log = SimpleNamespace(
+        name="run", gaps=gaps, start=start, rate=RATE, duration=seconds, in_contact=None, group="run"
+    )
+    band = SimpleNamespace(cutoff=CUTOFF, rate=RATE, step=5)
+    return SimpleNamespace(time=time, samples=len(time), log=log, band=band)
+
+
+@settings(max_examples=50, deadline=None)
+@given(first=st.integers(5, 900), lost=st.integers(1, 15), rate=st.sampled_from([50.0, 200.0, 1000.0]))
+def test_a_gap_is_where_more_than_one_sample_was_lost(first: int, lost: int, rate: float) -> None:
+    time = np.delete(np.arange(1000) / rate, slice(first, first + lost))
+    found = gaps_of(time)
+    expected = [] if lost == 1 else [[(first - 1) / rate, (first + lost) / rate]]
+    np.testing.assert_allclose(found, np.reshape(expected, (-1, 2)), atol=1e-12)
+    assert stamp_jitter(time) == pytest.approx(0.0, abs=1e-9)
+
+
+@settings(max_examples=50, deadline=None)
+@given(begin=st.floats(1.0, 9.0), length=st.floats(0.001, 0.1), start=st.sampled_from([0.0, 120.0]))
+def test_rows_that_the_filter_brings_into_a_long_gap_do_not_count(
+    begin: float, length: float, start: float
+) -> None:
+    gap = np.array([[begin, begin + length]]) + start
+    item = recording(gap, start=start)
+    clear = rows_without_gaps([item, recording(np.zeros((0, 2)))])
+    if length * CUTOFF <= FILLED_MAX:
+        assert clear == {} and not long_gaps(item)
+        return
+    (mask,) = clear.values()
+    assert list(clear) == [0]
+    away = np.maximum(gap[0, 0] - item.time, item.time - gap[0, 1])
+    np.testing.assert_array_equal(mask, away > filter_length(CUTOFF))
+
+
+def test_where_gaps_are_everywhere_the_recordings_are_taken_as_they_are() -> None:
+    begin = np.arange(0.5, 9.5, 0.4)
+    assert rows_without_gaps([recording(np.column_stack([begin, begin + 0.05]))]) == {}
+
+
+@pytest.mark.parametrize("start", [0.0, 300.0])
+def test_no_simulation_begins_or_runs_where_samples_are_missing(start: float) -> None:
+    gap = np.array([[4.0, 4.1]])
+    windows = place_windows([recording(gap + start, start=start)], [0], 12)
+    assert len(windows) > 8
+    assert all(w.start - HISTORY > 4.1 or w.start + WINDOW < 4.0 for w in windows)
+
+
+@pytest.mark.parametrize(
+    "stalls",
+    [
+        pytest.param((1.5, 2.6, 4.1), id="stalled"),
+        pytest.param((), id="steady", marks=pytest.mark.long),
+    ],
+)
+def test_a_controller_that_stalls_is_no_gap(tmp_path: Path, stalls: tuple[float, ...]) -> None:
+    """The robot holds its last command for 30 ms; what is written before and after does not say so."""
+    robot = robot_folder(tmp_path)
+    paths = record(tmp_path, robot, None, stalls=stalls, tremor=2.0)
+    answer = tmp_path / "answer.json"
+    run = invoke("diagnose", *paths, "--robot", robot, "--json", answer)
+    assert run.return_value in (None, 0), run.output
+    found = json.loads(answer.read_text())
+    assert found["verdict"] == "no_gap"
+    said = [words for words in found["data"]["warnings"] if "samples in a row were lost" in words]
+    assert len(said) == bool(stalls)
