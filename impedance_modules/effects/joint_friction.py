@@ -347,8 +347,8 @@ class FrictionDrift(JointLaw):
         return {"fv": cold, "k": 1.0 - warm / cold if cold > 0.0 else 0.0, "T": float(shape["T"])}
 
     def shapes(self, site: Site) -> tuple[dict[str, float], ...]:
-        """Tries time constants from a tenth to three times the recording's length: grease warms in no second."""
-        length = float(site.signals.time[-1] - site.signals.time[0])
+        """Tries time constants from a tenth to three times the time since it began: grease warms in no second."""
+        length = float(site.signals.time[-1])
         least = max(WARMING_MIN, 0.1 * length)
         most = max(3.0 * length, 2.0 * least)
         return tuple({"T": float(T)} for T in np.geomspace(least, most, 6))

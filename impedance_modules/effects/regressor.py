@@ -33,16 +33,24 @@ class Site:
         signals: The recording.
         key: Joint, pair of joints, link, ``base``, ``log`` or surface that carries the effect's numbers.
         port: Where it acts.
+        all_travel: From its joint's least to its greatest position in all recordings; None: this is the only one.
     """
 
     signals: Signals
     key: str
     port: Port
+    all_travel: float | None = None
 
     @property
     def joint(self) -> int:
         """Column of the joint that the key names."""
         return self.signals.joint(self.key)
+
+    @property
+    def travel(self) -> float:
+        """From the joint's least to its greatest position in all recordings [rad]."""
+        own = float(np.ptp(self.signals.position[:, self.joint]))
+        return own if self.all_travel is None else self.all_travel
 
     def sample(self) -> JointSample:
         """The joint's motion on the side of its gear at which the effect acts."""

@@ -221,10 +221,10 @@ class TorqueRipple(JointLaw):
     def shapes(self, site: Site) -> tuple[dict[str, float], ...]:
         """Tries orders as finely as the joint's travel can tell apart, up to what the sampling can follow."""
         position = site.signals.position[:, site.joint]
-        travel, jump = float(np.ptp(position)), float(np.abs(np.diff(position)).max())
-        if travel < 1e-3 or jump == 0.0:
+        jump = float(np.abs(np.diff(position)).max())
+        if site.travel < 1e-3 or jump == 0.0:
             return ()
-        spacing = 2.5 / travel  # at most 0.6 rad out of phase at either end: a step of Newton mends that
+        spacing = 2.5 / site.travel  # at most 0.6 rad out of phase at either end: a step of Newton mends that
         orders = np.arange(1.2 * spacing, np.pi / jump, spacing)[:MOST_ORDERS]
         return tuple({"N": float(order)} for order in orders)
 

@@ -20,7 +20,7 @@ from impedance_modules.diagnosis.model_selection.naming import (
     without_uncertain,
 )
 from impedance_modules.diagnosis.regression import parameter_estimates
-from impedance_modules.diagnosis.regression.parameter_estimates import ALLOWED, beyond_chance
+from impedance_modules.diagnosis.regression.parameter_estimates import beyond_chance
 
 
 def term(effect: str, joint: str = "elbow", port: str = "link") -> SimpleNamespace:
@@ -126,7 +126,7 @@ def test_numbers_are_judged_together_in_whatever_units(seed: int, size: int, len
     random = np.random.default_rng(seed)
     root = random.standard_normal((size, size)) + 3.0 * np.eye(size)
     direction = random.standard_normal(size)
-    bound = np.sqrt(ALLOWED * chi2.ppf(0.95, size))
+    bound = np.sqrt(chi2.ppf(0.95, size))
     coefficients = root @ (length * bound * direction / np.linalg.norm(direction))
     units = 10.0 ** random.uniform(-4.0, 4.0, size)
     if abs(length - 1.0) < 1e-6:
@@ -139,7 +139,7 @@ def test_numbers_are_judged_together_in_whatever_units(seed: int, size: int, len
 def test_a_direction_that_nothing_tells_does_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two numbers that move together are one: 95 % of one number, not of two."""
     together = np.array([[1.0, 1.0], [1.0, 1.0]])
-    bound = np.sqrt(ALLOWED * chi2.ppf(0.95, 1))
+    bound = np.sqrt(chi2.ppf(0.95, 1))
     assert fitted(1.01 * bound * np.ones(2), together, monkeypatch)
     assert not fitted(0.99 * bound * np.ones(2), together, monkeypatch)
     assert fitted(np.zeros(0), np.zeros((0, 0)), monkeypatch)

@@ -3,6 +3,7 @@
 
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from impedance_modules.diagnosis.model_selection.candidate_trial import (
 from impedance_modules.diagnosis.model_selection.cause_search import validated_on_holdout
 from impedance_modules.diagnosis.model_selection.screening import Screening
 from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm, term_of
+from impedance_modules.diagnosis.regression.parameter_estimates import ALLOWED, _covariance
 from tests.support.selection_samples import (
     FOLDS,
     GROUPS,
@@ -324,3 +326,34 @@ def test_a_cause_that_the_held_out_recording_does_not_have_goes() -> None:
     assert kept(design.y, weak) == ["known", "new"]
     assert kept(rows, weak) == ["known"]
     assert kept(rows, design.whitening) == ["known", "new"]
+
+
+def numberless(size: int) -> Any:
+    """A candidate whose numbers are its coefficients."""
+    effect = SimpleNamespace(shape=(), values=lambda coefficients, shape, site: {})
+    return SimpleNamespace(effect=effect, site=lambda signals: None)
+
+
+@pytest.mark.parametrize("held", [0.0, 4.0, 1e4])
+def test_errors_grow_with_what_rows_leave_and_not_with_what_is_stated(held: float) -> None:
+    """C = (P + A / f)^{-1}: a prior is as sure as it is stated, however noise is correlated."""
+    one = layout(("spring", "elbow", "link"), {0: 0, 1: 0}, 2, precision=[held, 0.0], candidate=numberless(2))
+    design = with_cause(random_design(np.random.default_rng(9), [one]), one, [1.5, -2.0])
+    term = term_of(design, one)
+    model_fit = fitted(design, term)
+    refiner = SimpleNamespace(prepared=[SimpleNamespace(signals=None)], slopes=lambda *rest: {})
+    above = below = 0.0
+    for r in model_fit.fitted:
+        left = model_fit.residuals(model_fit.whole.coefficients, r)
+        for g in (0, 1):
+            above += model_fit.weights[g] * left[g][1:] @ left[g][:-1]
+            below += model_fit.weights[g] * left[g] @ left[g]
+    rho = max(above / below, 0.0)
+    _, inverse = least_squares(model_fit, [term], model_fit.fitted)
+    prior = np.diag([*np.ones(NUISANCE), held, 0.0])
+    told = np.linalg.inv(inverse) - prior
+    expected = np.linalg.inv(prior + told / (ALLOWED * (1.0 + rho) / (1.0 - rho)))[NUISANCE:, NUISANCE:]
+    found = _covariance(model_fit, refiner, 0, [])
+    np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-12)
+    if held == 1e4:
+        assert found[0, 0] == pytest.approx(1.0 / held, rel=0.1)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -116,13 +116,29 @@ def list_candidates(
 
 
 def shapes_of(candidate: Candidate, recordings: Sequence[Signals]) -> list[dict[str, float]]:
-    """Lists the shapes of a candidate that are worth trying on some recordings: those of the widest motion."""
-    signals = recordings[0]
-    if candidate.key in signals.model.joint_names:
-        joint = signals.joint(candidate.key)
-        signals = max(recordings, key=lambda one: float(np.ptp(one.position[:, joint])))
-    shapes = candidate.effect.shapes(candidate.site(signals))
-    return [dict(shape) for shape in shapes if _seen(candidate, shape, signals)]
+    """Lists the shapes of a candidate that are worth trying on some recordings: those of the widest motion.
+
+    A periodic shape must run through enough of its periods in all of them to be one, not merely a curvature.
+    """
+    first = recordings[0]
+    if candidate.key not in first.model.joint_names:
+        return [dict(shape) for shape in candidate.effect.shapes(candidate.site(first))]
+    positions = [one.position[:, first.joint(candidate.key)] for one in recordings]
+    travels = [(float(q.min()), float(q.max())) for q in positions]
+    widest = int(np.argmax([high - low for low, high in travels]))
+    whole = max(high for _, high in travels) - min(low for low, _ in travels)
+    seen = covered(travels)
+    shapes = candidate.effect.shapes(replace(candidate.site(recordings[widest]), all_travel=whole))
+    return [dict(shape) for shape in shapes if candidate.effect.periods(shape, seen) >= PERIODS_MIN]
+
+
+def covered(travels: Sequence[tuple[float, float]]) -> float:
+    """Length that intervals cover together, each place once."""
+    length, end = 0.0, -np.inf
+    for low, high in sorted(travels):
+        length += max(0.0, high - max(low, end))
+        end = max(end, high)
+    return length
 
 
 @dataclass(frozen=True, eq=False)
@@ -322,14 +338,6 @@ def _plausible(candidate: Candidate, lower: Array, upper: Array) -> tuple[Array,
     ):
         return lower, upper
     return np.maximum(lower, -SENSOR_SHARE_MAX), np.minimum(upper, SENSOR_SHARE_MAX)
-
-
-def _seen(candidate: Candidate, shape: Mapping[str, float], signals: Signals) -> bool:
-    """Whether a periodic shape runs through enough of its periods to be one, not merely a curvature."""
-    if candidate.key not in signals.model.joint_names:
-        return True
-    travel = float(np.ptp(signals.position[:, signals.joint(candidate.key)]))
-    return candidate.effect.periods(shape, travel) >= PERIODS_MIN
 
 
 def _squared(regressor: CandidateRegressor) -> CandidateRegressor:

@@ -5,9 +5,12 @@ With X(\theta) \beta the candidate's part, the shape's own column is d(X \beta)/
 shape are solved for together, from the best point of a grid.
 
 Coefficients and shape share one covariance: the shape's columns are beside X in the normal equations, so that a
-parameter from a grid has an error as well (profile likelihood to second order). The covariance grows with what the
-model leaves over its noise (through the weights), with its correlation in time, by (1 + \rho) / (1 - \rho), and with
-what a model may leave and still pass.
+parameter from a grid has an error as well (profile likelihood to second order),
+
+    C = (P + A / f)^{-1},      f = 1.45 (1 + \rho) / (1 - \rho)
+
+P the priors' precision, A what the rows say. The rows say less by what the model leaves over its noise (through the
+weights), by its correlation in time, and by what a model may leave and still pass. A prior is as sure as it is stated.
 """
 
 from __future__ import annotations
@@ -22,6 +25,7 @@ from impedance_modules.diagnosis.regression.candidates import (
     Candidate,
     CandidateRegressor,
     candidate_regressors,
+    shapes_of,
 )
 from impedance_modules.diagnosis.regression.design_matrix import ColumnLayout, Design, layout_of, scaled_block
 from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm
@@ -48,7 +52,7 @@ CORRELATION_MAX = 0.9
 """Of neighbouring samples of what is left, as far as errors are inflated for it."""
 
 ALLOWED = 1.45
-"""Power over noise that a model passes with (see `lack_of_fit`): its numbers' variances are as much larger."""
+"""Power over noise that a model passes with (see `lack_of_fit`): rows say as much less of its numbers."""
 
 CONFIDENCE = 0.95
 """With which a cause's numbers must differ from none."""
@@ -141,7 +145,7 @@ class ShapeRefiner:
         """Improves a candidate's shape beside a model; gives back what came in where nothing is better."""
         if term.generic or not term.candidate.effect.shape:
             return term
-        best = ModelFit(model_fit.design, model_fit.folds, [*model_fit.model, term])
+        best = self._within_bounds(ModelFit(model_fit.design, model_fit.folds, [*model_fit.model, term]))
         for _ in range(ROUNDS):
             better = self._better(best, model_fit)
             if better is None:
@@ -149,14 +153,31 @@ class ShapeRefiner:
             best = better
         return best.model[-1]
 
+    def _within_bounds(self, model_fit: ModelFit) -> ModelFit:
+        """The last term at that shape of its grid which leaves least, of those whose numbers are physical.
+
+        Where a motion hardly tells a shape, the one that leaves least may ask for a friction below zero.
+        """
+        term = model_fit.model[-1]
+        if not _out_of_bounds(model_fit):
+            return model_fit
+        found = []
+        for shape in shapes_of(term.candidate, self.signals):
+            moved = self.term(term.candidate, shape, term.layout if term.layout.unseen.any() else None)
+            if moved is not None:
+                found.append(ModelFit(model_fit.design, model_fit.folds, [*model_fit.model[:-1], moved]))
+        physical = [one for one in found if not _out_of_bounds(one)]
+        return min(physical, key=lambda one: _loss(one, model_fit), default=model_fit)
+
     def _better(self, best: ModelFit, reference: ModelFit) -> ModelFit | None:
-        """The first of some steps of the last term's shape that leaves less; None where none does."""
+        """The first of some steps of the last term's shape that leaves less within bounds; None where none does."""
         for part in PARTS:
             moved = self._step(best, part)
             if moved is None:
                 return None
             better = ModelFit(best.design, best.folds, [*best.model[:-1], moved])
-            if _loss(better, reference) < _loss(best, reference) - 1e-3:
+            leaves = _out_of_bounds(better) and not _out_of_bounds(best)
+            if not leaves and _loss(better, reference) < _loss(best, reference) - 1e-3:
                 return better
         return None
 
@@ -279,7 +300,7 @@ def estimates(
     for symbol, value in nominal.items():
         parameter = candidate.effect.description.parameter(symbol)
         unit = parameter.linear_unit if prismatic and parameter.linear_unit else parameter.unit
-        variance = ALLOWED * float(slopes[symbol] @ covariance @ slopes[symbol])
+        variance = float(slopes[symbol] @ covariance @ slopes[symbol])
         if unit == "s":
             variance += (STAMPS / refiner.prepared[0].log.rate) ** 2
         out[symbol] = Estimate(float(value), float(np.sqrt(max(variance, 0.0))), unit)
@@ -300,7 +321,7 @@ def beyond_chance(model_fit: ModelFit, refiner: ShapeRefiner, index: int) -> boo
     if size == 0 or term.shaped.fixed:
         return True
     symbols = [symbol for symbol in term.shaped.shape if symbol in term.candidate.effect.shape]
-    covariance = ALLOWED * _covariance(model_fit, refiner, index, symbols)[:size, :size]
+    covariance = _covariance(model_fit, refiner, index, symbols)[:size, :size]
     # In units of each coefficient's own error: inertias have very different ones.
     spread = np.sqrt(np.clip(np.diag(covariance), np.finfo(float).tiny, None))
     parts, axes = np.linalg.eigh(covariance / np.outer(spread, spread))
@@ -311,6 +332,12 @@ def beyond_chance(model_fit: ModelFit, refiner: ShapeRefiner, index: int) -> boo
 
 def _reach(value: float) -> float:
     return REACH * abs(value)
+
+
+def _out_of_bounds(model_fit: ModelFit) -> bool:
+    """Whether the last term's coefficients leave their physical bounds."""
+    shaped, found = model_fit.model[-1].shaped, model_fit.of(len(model_fit.model) - 1)
+    return bool(np.any(found <= shaped.lower) or np.any(found >= shaped.upper))
 
 
 def _loss(model_fit: ModelFit, reference: ModelFit) -> float:
@@ -341,6 +368,7 @@ def _covariance(model_fit: ModelFit, refiner: ShapeRefiner, index: int, symbols:
     own = np.arange(start, start + size)
     moves = _told(model_fit, refiner, index)
     free = {} if moves else refiner.slopes(term, model_fit.of(index) * term.layout.scale)
+    surplus = ALLOWED * _inflation(model_fit, index)
     cross, gram = np.zeros((count, model_fit.size)), np.zeros((count, count))
     for r in model_fit.fitted:
         for g in term.groups:
@@ -352,7 +380,9 @@ def _covariance(model_fit: ModelFit, refiner: ShapeRefiner, index: int, symbols:
                 for j, other in enumerate(columns):
                     if other is not None:
                         gram[i, j] += model_fit.weights[g] * float(column @ other)
-    inverse = model_fit.whole.inverse
+    prior = np.diag(model_fit.prior)
+    inverse = np.linalg.inv(prior + (model_fit.whole.normal - prior) / surplus)
+    cross, gram = cross / surplus, gram / surplus
     known = [i for i in range(count) if gram[i, i] > 0.0]
     out = np.zeros((size + count, size + count))
     scale = term.layout.scale
@@ -368,7 +398,7 @@ def _covariance(model_fit: ModelFit, refiner: ShapeRefiner, index: int, symbols:
         out[np.ix_(range(size), place)] = -(into.T @ shape_part) / scale[:, None]
         out[np.ix_(place, range(size))] = out[np.ix_(range(size), place)].T
     out[:size, :size] = base / np.outer(scale, scale)
-    return out * _inflation(model_fit, index)
+    return out
 
 
 def _told(model_fit: ModelFit, refiner: ShapeRefiner, index: int) -> bool:

@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Nonlinear parameters: which are tried, where all recordings count, and that refined ones stay physical."""
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from impedance_modules.diagnosis.regression.candidates import PERIODS_MIN, Candidate, covered, shapes_of
+from impedance_modules.effects.catalogue import CATALOGUE
+from tests.support.commands import invoke
+from tests.support.plant_recordings import patch_text, record, robot_folder
+
+INTERVALS = st.lists(
+    st.tuples(st.floats(-3.0, 3.0), st.floats(0.0, 2.0)).map(lambda x: (x[0], x[0] + x[1])),
+    min_size=1,
+    max_size=6,
+)
+
+
+@settings(max_examples=100, deadline=None)
+@given(intervals=INTERVALS)
+def test_each_place_is_covered_once(intervals: list[tuple[float, float]]) -> None:
+    places = np.linspace(-3.0, 5.0, 80_001)
+    inside = np.any([(low <= places) & (places <= high) for low, high in intervals], axis=0)
+    assert covered(intervals) == pytest.approx(8.0 * inside.mean(), abs=1e-3 * len(intervals))
+
+
+def swing(centre: float, travel: float) -> Any:
+    time = np.arange(2000) / 200.0
+    position = centre + 0.5 * travel * np.sin(1.3 * time)[:, None]
+    model = SimpleNamespace(joint_names=("hinge",))
+    return SimpleNamespace(position=position, model=model, joint=lambda name: 0)
+
+
+@pytest.mark.parametrize("order", [16.0, 30.0, 75.0])
+def test_a_ripple_is_looked_for_in_all_recordings_together(order: float) -> None:
+    """Too few of its periods are in any one recording, enough in all of them, and between them it keeps its phase."""
+    travel = 1.4 * 2.0 * np.pi / order
+    candidate = Candidate(CATALOGUE["torque_ripple"], "actuator", "hinge", ("hinge",))
+    several = [swing(centre, travel) for centre in (-0.5, 0.1, 0.6)]
+    assert order * travel / (2.0 * np.pi) < PERIODS_MIN
+
+    def off_phase(recordings: list[Any]) -> float:
+        """Of the nearest order that is tried, at either end of what was seen [rad]."""
+        tried = [shape["N"] for shape in shapes_of(candidate, recordings)]
+        q = np.concatenate([one.position for one in recordings])
+        return float(np.min(np.abs(np.array(tried) - order), initial=np.inf) * np.ptp(q) / 2.0)
+
+    assert off_phase(several) < 0.65
+    assert off_phase(several[:1]) > 0.65
+
+
+def test_friction_that_fades_slower_than_recordings_last_never_falls_below_zero(tmp_path: Path) -> None:
+    """In 8 s of 30 s only the slope is certain, with which any longer time leads to a motor."""
+    robot = robot_folder(tmp_path)
+    truth = patch_text(
+        "friction_drift", "actuator", "port_bend", fv=(3.0, "N.m.s/rad"), k=(0.9, '"1"'), T=(30.0, "s")
+    )
+    paths, answer = record(tmp_path, robot, truth, seconds=8.0), tmp_path / "answer.json"
+    run = invoke("diagnose", *paths, "--robot", robot, "--json", answer)
+    found = json.loads(answer.read_text())
+    assert found["verdict"] == "explained", run.output
+    (cause,) = found["causes"]
+    assert (cause["effect"], cause["joints"]) == ("friction_drift", ["port_bend"])
+    numbers = cause["parameters"]["port_bend"]
+    fv, k, T = (numbers[symbol]["value"] for symbol in ("fv", "k", "T"))
+    assert fv == pytest.approx(3.0, rel=0.02)
+    assert 0.0 < k < 1.0
+    assert fv * k / T == pytest.approx(3.0 * 0.9 / 30.0, rel=0.1)
