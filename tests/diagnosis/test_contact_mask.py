@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Phases of contact are masked by the diagnosis, all other samples are used."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,6 +10,7 @@ import pytest
 
 from impedance_modules.diagnosis.data.admission import in_contact
 from impedance_modules.diagnosis.residuals.contact_mask import (
+    contact_note,
     rows_of_link_residuals,
     without_links_in_contact,
 )
@@ -100,6 +101,7 @@ class _Item:
     residuals: dict[str, Any]
     samples: int
     time: np.ndarray
+    band: Any = None
 
 
 def _item(touched: slice, residuals: tuple[str, ...] = ("link", "actuator", "velocity")) -> _Item:
@@ -125,6 +127,15 @@ def test_links_are_not_judged_where_nearly_all_is_contact_but_drives_are() -> No
     both = _item(slice(0, 1000)), _item(slice(0, 0))
     assert set(without_links_in_contact(both, (0,))[1].residuals) == {"actuator", "velocity"}
     assert without_links_in_contact(both, (0, 1)) == both
+
+
+@pytest.mark.parametrize("held", [None, False, True])
+def test_a_note_says_why_rows_are_left_out(held: bool | None) -> None:
+    item = _item(slice(400, 500))
+    item.log.carrying = None if held is None else np.full(1000, held)
+    (said,) = contact_note([replace(item, band=SimpleNamespace(step=1, rate=100.0))], (0,))
+    assert said.startswith("1.4 s holding an object or in contact" if held else "1.4 s in contact")
+    assert ("object's weight" in said) is bool(held)
 
 
 def test_no_window_is_simulated_during_contact() -> None:

@@ -83,9 +83,10 @@ def contact_note(prepared: Sequence[Prepared], fitted: Sequence[int]) -> tuple[s
         float((~mask).sum()) * item.band.step / item.band.rate
         for mask, item in ((mask, prepared[r]) for r, mask in free.items())
     )
-    return (
-        f"{seconds:.3g} s in contact, by the phases, are not used for the links: forces of the environment act there",
-    )
+    holding = any(item.log.carrying is not None and item.log.carrying.any() for item in prepared)
+    what = "holding an object or in contact" if holding else "in contact"
+    acts = "the object's weight and forces of the environment" if holding else "forces of the environment"
+    return (f"{seconds:.3g} s {what}, by the phases, are not used for the links: {acts} act there",)
 
 
 def intersect_masks(first: Mapping[MaskKey, Mask], second: Mapping[MaskKey, Mask]) -> dict[MaskKey, Mask]:
