@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Literal
 
 import numpy as np
@@ -49,13 +49,20 @@ def differentiate(values: Array, time: Array) -> Array:
 
 def low_passed(values: Array, rate: float, cutoffs: Array) -> Array:
     """Filters samples (N, k, ...) with zero phase, each of the k series below a frequency of its own (k,) [Hz]."""
-    from scipy.signal import butter, sosfiltfilt  # noqa: PLC0415 - a slow import that a run does without
+    from scipy.signal import sosfiltfilt  # noqa: PLC0415 - a slow import that a run does without
 
     out = np.empty_like(values)
     for j, cutoff in enumerate(cutoffs):
-        band = butter(4, min(cutoff, 0.4 * rate), fs=rate, output="sos")
-        out[:, j] = sosfiltfilt(band, values[:, j], axis=0)
+        out[:, j] = sosfiltfilt(_low_pass(min(float(cutoff), 0.4 * rate) / rate), values[:, j], axis=0)
     return out
+
+
+@lru_cache(maxsize=256)
+def _low_pass(cutoff: float) -> Array:
+    """Sections of a filter below a frequency [cycles per sample]; hundreds of columns pass the same one."""
+    from scipy.signal import butter  # noqa: PLC0415 - a slow import that a run does without
+
+    return np.asarray(butter(4, cutoff, fs=1.0, output="sos"))
 
 
 @dataclass(frozen=True)

@@ -224,8 +224,10 @@ class TorqueRipple(JointLaw):
         jump = float(np.abs(np.diff(position)).max())
         if site.travel < 1e-3 or jump == 0.0:
             return ()
-        spacing = 2.5 / site.travel  # at most 0.6 rad out of phase at either end: a step of Newton mends that
-        orders = np.arange(1.2 * spacing, np.pi / jump, spacing)[:MOST_ORDERS]
+        spacing = (
+            4.0 / site.travel
+        )  # at most 1 rad out of phase at either end: some steps of Newton mend that
+        orders = np.arange(0.75 * spacing, np.pi / jump, spacing)[:MOST_ORDERS]
         return tuple({"N": float(order)} for order in orders)
 
 

@@ -52,8 +52,8 @@ def test_a_ripple_is_looked_for_in_all_recordings_together(order: float) -> None
         q = np.concatenate([one.position for one in recordings])
         return float(np.min(np.abs(np.array(tried) - order), initial=np.inf) * np.ptp(q) / 2.0)
 
-    assert off_phase(several) < 0.65
-    assert off_phase(several[:1]) > 0.65
+    assert off_phase(several) < 1.05
+    assert off_phase(several[:1]) > 1.05
 
 
 def test_friction_that_fades_slower_than_recordings_last_never_falls_below_zero(tmp_path: Path) -> None:
@@ -73,3 +73,20 @@ def test_friction_that_fades_slower_than_recordings_last_never_falls_below_zero(
     assert fv == pytest.approx(3.0, rel=0.02)
     assert 0.0 < k < 1.0
     assert fv * k / T == pytest.approx(3.0 * 0.9 / 30.0, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    "order", [88.9, pytest.param(37.3, marks=pytest.mark.long), pytest.param(61.7, marks=pytest.mark.long)]
+)
+def test_a_ripple_comes_back_with_its_order(tmp_path: Path, order: float) -> None:
+    """Whatever order it has between two that are tried, and however little of a large gap the last step closes."""
+    robot = robot_folder(tmp_path)
+    truth = patch_text("torque_ripple", "actuator", "port_bend", A=(0.4, "N.m"), N=(order, '"1"'))
+    paths, answer = record(tmp_path, robot, truth), tmp_path / "answer.json"
+    run = invoke("diagnose", *paths, "--robot", robot, "--json", answer)
+    found = json.loads(answer.read_text())
+    assert found["verdict"] == "explained", run.output
+    (cause,) = found["causes"]
+    assert (cause["effect"], cause["joints"]) == ("torque_ripple", ["port_bend"])
+    assert cause["parameters"]["port_bend"]["N"]["value"] == pytest.approx(order, abs=0.05)
+    assert cause["parameters"]["port_bend"]["A"]["value"] == pytest.approx(0.4, rel=0.1)

@@ -147,7 +147,7 @@ class ShapeRefiner:
             return term
         best = self._within_bounds(ModelFit(model_fit.design, model_fit.folds, [*model_fit.model, term]))
         for _ in range(ROUNDS):
-            better = self._better(best, model_fit)
+            better = self._better(best)
             if better is None:
                 break
             best = better
@@ -167,9 +167,9 @@ class ShapeRefiner:
             if moved is not None:
                 found.append(ModelFit(model_fit.design, model_fit.folds, [*model_fit.model[:-1], moved]))
         physical = [one for one in found if not _out_of_bounds(one)]
-        return min(physical, key=lambda one: _loss(one, model_fit), default=model_fit)
+        return min(physical, key=_loss, default=model_fit)
 
-    def _better(self, best: ModelFit, reference: ModelFit) -> ModelFit | None:
+    def _better(self, best: ModelFit) -> ModelFit | None:
         """The first of some steps of the last term's shape that leaves less within bounds; None where none does."""
         for part in PARTS:
             moved = self._step(best, part)
@@ -177,7 +177,7 @@ class ShapeRefiner:
                 return None
             better = ModelFit(best.design, best.folds, [*best.model[:-1], moved])
             leaves = _out_of_bounds(better) and not _out_of_bounds(best)
-            if not leaves and _loss(better, reference) < _loss(best, reference) - 1e-3:
+            if not leaves and _loss(better) < _loss(best) - 1e-3:
                 return better
         return None
 
@@ -340,9 +340,16 @@ def _out_of_bounds(model_fit: ModelFit) -> bool:
     return bool(np.any(found <= shaped.lower) or np.any(found >= shaped.upper))
 
 
-def _loss(model_fit: ModelFit, reference: ModelFit) -> float:
-    """Squares left by the whole fit, all with the same weights."""
-    return float(model_fit.left @ reference.weights) + float(
+def _loss(model_fit: ModelFit) -> float:
+    r"""Twice the negative log-likelihood of the whole fit, less constants, each group's noise being what is left.
+
+        \sum_g n_g (ln s_g + r_g^2 / s_g)      s_g = max(r_g^2, 1), r_g^2 = SSE_g / n_g
+
+    With the weights of a fit that lacks the term, a tenth of a gap would count no more than noise elsewhere.
+    """
+    power = model_fit.left / model_fit.counts
+    noise = np.maximum(power, 1.0)
+    return float(model_fit.counts @ (np.log(noise) + power / noise)) + float(
         model_fit.whole.coefficients**2 @ model_fit.prior
     )
 

@@ -135,9 +135,13 @@ def spectrum(pieces: Sequence[Array]) -> tuple[Array, Array]:
     """Frequencies [cycles per sample] and mean power density of all pieces, white noise's being its variance."""
     shortest = min(len(piece) for piece in pieces)
     size = min(SEGMENT, shortest, max(shortest // SEGMENTS, SHORT))
-    found = [welch(piece, fs=1.0, nperseg=size, detrend=False, return_onesided=False)[1] for piece in pieces]
+    weights = np.array([len(piece) for piece in pieces])
+    found = np.empty((len(pieces), size))
+    for length in np.unique(weights):
+        alike = np.flatnonzero(weights == length)
+        together = np.array([pieces[int(i)] for i in alike])
+        found[alike] = welch(together, fs=1.0, nperseg=size, detrend=False, return_onesided=False)[1]
     frequency = np.abs(np.fft.fftfreq(size))
-    weights = [len(piece) for piece in pieces]
     return frequency, np.average(found, axis=0, weights=weights)
 
 
