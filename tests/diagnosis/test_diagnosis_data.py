@@ -7,6 +7,7 @@ The recordings are those of `test_diagnosis`: two joints, equations written out 
 import json
 import shutil
 from contextlib import nullcontext
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,12 +16,13 @@ from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
 from impedance_modules.diagnosis.data.admission import admit
+from impedance_modules.diagnosis.data.dataset_consistency import refuse_copies
 from impedance_modules.diagnosis.data.folds import RUN_IN, assign_folds
-from impedance_modules.diagnosis.data.log import InsufficientData
+from impedance_modules.diagnosis.data.log import InsufficientData, Log
 from impedance_modules.diagnosis.data.long_recordings import read_recordings
 from impedance_modules.diagnosis.data.nominal_model import model_of_spec, model_of_urdf
 from impedance_modules.diagnosis.data.rigid_dynamics import inverse_dynamics
-from impedance_modules.errors import ImpedanceError
+from impedance_modules.errors import BadInput, ImpedanceError
 from impedance_modules.spec.robot_reader import read_robot
 from tests.diagnosis.test_diagnosis import JOINTS, RATE, URDF, motion, torque
 from tests.support.commands import invoke, python
@@ -277,6 +279,26 @@ def test_holdout_that_was_fitted_and_copies(tmp_path, urdf):
     assert code == 2 and "hold the same numbers in 1200 samples" in said
     part = {name: values[300:] for name, values in columns(0).items()}
     refused(urdf, [first, third, save(tmp_path, "part", part)], "hold the same numbers in 900 samples")
+
+
+def on_coarse_grids(seed: int) -> Log:
+    """A joint that swings, and its torque: an encoder of 5 mrad, readings in steps of 0.2 N.m."""
+    random, time = np.random.default_rng(seed), np.arange(1000) / 50.0
+    q = 5e-3 * np.round(0.1 / 5e-3 * np.sin(0.7 * time + seed))[:, None]
+    u = 0.2 * np.round((3.0 * np.sin(0.7 * time + seed) + 0.1 * random.standard_normal(1000)) / 0.2)[:, None]
+    return Log(f"run_{seed}", f"run_{seed}", 50.0, q, None, u, None, None, "motor", "none")
+
+
+def test_recordings_on_coarse_grids_share_samples_and_are_no_copies():
+    one, other = on_coarse_grids(1), on_coarse_grids(2)
+    pairs = [
+        {(float(q[0]), float(u[0])) for q, u in zip(log.position, log.effort, strict=True)}
+        for log in (one, other)
+    ]
+    assert len(pairs[0] & pairs[1]) > 0.5 * min(map(len, pairs)) and min(map(len, pairs)) > 100
+    refuse_copies([one, other])
+    with pytest.raises(BadInput, match="part and run_1 hold the same numbers in "):
+        refuse_copies([one, replace(one.part(150, 850), name="part")])
 
 
 def test_recordings_of_other_robots_and_joints(tmp_path, urdf):

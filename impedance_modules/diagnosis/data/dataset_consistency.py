@@ -19,7 +19,10 @@ from impedance_modules.errors import BadInput, nearest
 
 Rows = NDArray[np.float64]
 COPIED_SHARE = 0.5
-"""Recordings that share this part of their samples to the last digit are copies: noise never repeats."""
+"""Recordings that share this part of their samples to the last digit, in their order, are copies."""
+
+IN_A_ROW = 8
+"""Samples that must follow each other in both: on coarse grids one sample is soon seen again, a row of them never."""
 
 DISTINCT_MIN = 50
 """Fewer different samples prove no copy: a simulated robot at rest repeats its samples."""
@@ -70,7 +73,7 @@ def refuse_copies(logs: Sequence[Log]) -> None:
             shared = np.intersect1d(few, many, assume_unique=True).size
             if shared >= max(DISTINCT_MIN, COPIED_SHARE * len(few)):
                 raise BadInput(
-                    f"{log.name} and {other.name} hold the same numbers in {shared} samples: one is a copy, or"
+                    f"{log.name} and {other.name} hold the same numbers in {shared + IN_A_ROW - 1} samples: one is a copy, or"
                     " a part, of the other (valid: separate recordings; even a repeated motion has new noise)"
                 )
 
@@ -128,10 +131,15 @@ def _refuse_other_joints(first: Episode, episode: Episode) -> None:
 
 
 def _rows(log: Log, kinds: Sequence[str]) -> Rows:
-    """The different samples of a recording, as one number each."""
+    """The different rows of samples of a recording, as one number each."""
     table = np.hstack([log.position, *(getattr(log, kind) for kind in kinds)])
-    weights = np.random.default_rng(0).normal(size=table.shape[1])
-    return np.unique(table @ weights)
+    random = np.random.default_rng(0)
+    samples = table @ random.normal(size=table.shape[1])
+    last = len(samples) - IN_A_ROW + 1
+    # Term by term: the same samples give the same number to the last digit, wherever they stand.
+    return np.unique(
+        sum(weight * samples[k : last + k] for k, weight in enumerate(random.normal(size=IN_A_ROW)))
+    )
 
 
 def _aligned(logs: Sequence[Log], leader: Sequence[int], lag: Sequence[int]) -> list[Log]:

@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 
 from impedance_modules.diagnosis.model_selection.candidate_trial import CandidateTrial, try_term
 from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm, term_of
-from impedance_modules.diagnosis.regression.parameter_estimates import ShapeRefiner
+from impedance_modules.diagnosis.regression.shape_refinement import ShapeRefiner
 from impedance_modules.effects.effect import Effect
 
 JOINTS_MIN = 3

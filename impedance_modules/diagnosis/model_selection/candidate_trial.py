@@ -148,9 +148,9 @@ class CandidateTrial:
 
     @property
     def outside(self) -> bool:
-        """Whether its mean coefficients leave their physical bounds."""
-        mean = self.coefficients.mean(axis=0) / self.term.layout.scale
-        return bool(np.any(mean <= self.term.shaped.lower) or np.any(mean >= self.term.shaped.upper))
+        """Whether its coefficients leave their bounds: their mean over the folds, or those of all recordings."""
+        found = np.array([self.coefficients.mean(axis=0), self.in_sample.own]) / self.term.layout.scale
+        return bool(np.any(found <= self.term.shaped.lower) or np.any(found >= self.term.shaped.upper))
 
     @property
     def reach(self) -> float:

@@ -44,12 +44,8 @@ from impedance_modules.diagnosis.regression.noise_floor import (
     repeat_pairs,
 )
 from impedance_modules.diagnosis.regression.nuisance_columns import NuisanceColumns, build_nuisance
-from impedance_modules.diagnosis.regression.parameter_estimates import (
-    ShapeRefiner,
-    UnwhitenedFit,
-    beyond_chance,
-    estimates,
-)
+from impedance_modules.diagnosis.regression.parameter_estimates import UnwhitenedFit, beyond_chance, estimates
+from impedance_modules.diagnosis.regression.shape_refinement import ShapeRefiner
 from impedance_modules.diagnosis.regression.whitening import Whitening
 from impedance_modules.diagnosis.residuals.contact_mask import (
     contact_free_rows,

@@ -27,7 +27,7 @@ from impedance_modules.diagnosis.model_selection.plausibility import Plausibilit
 from impedance_modules.diagnosis.model_selection.screening import ScreenedCandidate, Screening
 from impedance_modules.diagnosis.regression.design_matrix import ColumnLayout, Design
 from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm, term_of
-from impedance_modules.diagnosis.regression.parameter_estimates import ShapeRefiner
+from impedance_modules.diagnosis.regression.shape_refinement import ShapeRefiner
 
 RejectionReason = Callable[[CandidateTrial], str | None]
 Best = Callable[[Sequence[ScreenedCandidate], int], list[ScreenedCandidate]]

@@ -75,15 +75,15 @@ class ProbabilityLaw:
 
 
 LAW = ProbabilityLaw(
-    base=-4.278,
+    base=-3.613,
     coefficients={
-        "gain": 2.210,
-        "deviations": 0.361,
-        "lack_of_fit": -0.860,
-        "unexplained": -1.360,
-        "motion": 0.244,
+        "gain": 2.208,
+        "lack_of_fit": -2.745,
+        "unexplained": -1.271,
+        "motion": 0.419,
+        "no_repeats": -0.343,
     },
-    alternative=0.399,
+    alternative=0.581,
 )
 """Fitted, and printed, by `python -m benchmarks.wide calibrate OUT`; docs/wide-benchmark.md says to how many causes."""
 

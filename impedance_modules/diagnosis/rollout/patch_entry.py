@@ -2,7 +2,8 @@
 """A cause as an entry of a patch: what, applied to the robot, does what was found.
 
 That is the cause itself but for one: a spring that the recordings show only at the links of a robot that carries its
-own weight. Told of as the robot's, it would be carried, too, and change nothing; it is stated as one outside.
+own weight. Told of as the robot's, it would be carried, too, and change nothing; it is stated as one outside, and one
+without stiffness as the constant torque that it is.
 """
 
 from __future__ import annotations
@@ -14,6 +15,9 @@ from dataclasses import dataclass
 from impedance_modules.diagnosis.result import Cause, Estimate
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.effect_description import Port
+
+LONG = 1e-6
+"""Stiffness over torque [1/rad] of a spring whose torque is constant."""
 
 
 @dataclass(frozen=True)
@@ -38,12 +42,24 @@ def patch_entry(cause: Cause) -> PatchEntry:
     outside = CATALOGUE[cause.effect].stated_outside
     if not cause.outside or outside is None:
         return PatchEntry(cause.effect, cause.joints, cause.port, cause.parameters)
+    if all(spring["k"].value == 0.0 for spring in cause.parameters.values()):
+        constant = {key: {"c": _opposite(spring["preload"])} for key, spring in cause.parameters.items()}
+        return PatchEntry("torque_offset", cause.joints, cause.port, constant)
     parameters = {key: _relaxed(symbols) for key, symbols in cause.parameters.items()}
     return PatchEntry(outside, cause.joints, CATALOGUE[outside].description.ports[0], parameters)
 
 
+def _opposite(torque: Estimate) -> Estimate:
+    return Estimate(-torque.value, torque.std, torque.unit)
+
+
 def _relaxed(spring: Mapping[str, Estimate]) -> dict[str, Estimate]:
-    r"""Gives k and q_0 = \tau_0 / k, with its error to first order, of a spring with a preload \tau_0."""
+    r"""Gives k and q_0 = \tau_0 / k, with its error to first order, of a spring with a preload \tau_0.
+
+    One without stiffness, among others that have some, is so long that its torque is the same wherever the joint is.
+    """
     k, preload = spring["k"], spring["preload"]
-    angle = preload.value / k.value
-    return {"k": k, "q0": Estimate(angle, math.hypot(preload.std, angle * k.std) / k.value, "rad")}
+    stiffness = k.value or LONG * abs(preload.value)
+    angle = preload.value / stiffness
+    error = math.hypot(preload.std, angle * k.std) / stiffness
+    return {"k": Estimate(stiffness, k.std, k.unit), "q0": Estimate(angle, error, "rad")}
