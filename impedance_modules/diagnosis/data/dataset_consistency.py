@@ -73,8 +73,8 @@ def refuse_copies(logs: Sequence[Log]) -> None:
             shared = np.intersect1d(few, many, assume_unique=True).size
             if shared >= max(DISTINCT_MIN, COPIED_SHARE * len(few)):
                 raise BadInput(
-                    f"{log.name} and {other.name} hold the same numbers in {shared + IN_A_ROW - 1} samples: one is a copy, or"
-                    " a part, of the other (valid: separate recordings; even a repeated motion has new noise)"
+                    f"{log.name} and {other.name} hold the same numbers in {shared + IN_A_ROW - 1} samples: one is a"
+                    " copy, or a part, of the other (valid: separate recordings; even a repeated motion has new noise)"
                 )
 
 
