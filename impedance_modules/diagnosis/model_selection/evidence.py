@@ -98,7 +98,7 @@ class Evidence:
         return np.array([np.sqrt(np.mean(values**2)) if values.size else 0.0 for values in shown])
 
     def counted(self, recording: int, group: int) -> Mask:
-        """(M,) rows of a residual in a recording that count: not masked for contact, gaps or reversals."""
+        """(M,) rows of a residual in a recording that count: not masked for contact, pushes, gaps or reversals."""
         everything = np.ones(self.prepared[recording].samples, dtype=bool)
         return self.design.whitening.clear.get((recording, group), everything)
 
