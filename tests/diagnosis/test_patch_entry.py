@@ -35,13 +35,6 @@ def test_the_torque_is_the_same_at_every_angle(stiffness: float, preload: float,
     assert np.isfinite(found["q0"].std)
 
 
-@pytest.mark.parametrize("preload", [-1.9, 1.9])
-def test_without_stiffness_it_is_a_constant_torque(preload: float) -> None:
-    entry = patch_entry(cause(spring(0.0, preload)))
-    assert (entry.effect, entry.joints, entry.port) == ("torque_offset", ("joint_0",), "link")
-    assert entry.parameters == {"joint_0": {"c": Estimate(-preload, 0.1, "N.m")}}
-
-
 def test_a_spring_that_the_robot_carries_stays_what_it_is() -> None:
     own = cause(spring(0.0, 1.0), outside=False)
     assert patch_entry(own).parameters == own.parameters

@@ -19,6 +19,7 @@ from impedance_modules.diagnosis.model_selection.forward_selection import Select
 from impedance_modules.diagnosis.model_selection.plausibility import CONTRAST_MIN
 from impedance_modules.diagnosis.regression.candidates import Candidate
 from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm, part_of
+from impedance_modules.diagnosis.regression.parameter_estimates import correlation_surplus
 from impedance_modules.diagnosis.result import Rival, Standing
 
 ASKED = 8
@@ -29,7 +30,7 @@ EQUAL_LOSS = 0.05
 
 DECIDED = 5.0
 """Penalised log-likelihood by which a cause must lie ahead of a rival [nats]: odds of 150 to one, very strong evidence
-(Kass & Raftery 1995)."""
+(Kass & Raftery 1995), of samples that are independent."""
 
 DELAYS_SIGMA = 3.0
 """Standard errors by which a delay must lie ahead of a lag, or a lag of a delay ..."""
@@ -50,6 +51,7 @@ def judge_rivals(
     model_fit = selector.model_fit([other for other in causes if other is not term])
     own = try_term(model_fit, term)
     refitted = cache(lambda: _refitted_gain(own))
+    decided = DECIDED * correlation_surplus(_refitted(own), own.term.groups)
     held = {other.key for other in causes}
     equal: list[Rival] = []
     lost: list[Rival] = []
@@ -65,7 +67,7 @@ def judge_rivals(
         other = not same_name(candidate, term.candidate)
         if (
             other
-            and _equal(own, rival, refitted)
+            and _equal(own, rival, refitted, decided)
             and (selector.plausibility.unphysical(rival) is None or _open(rival, own))
         ):
             equal.append(_named(candidate, "fits unseen recordings as well"))
@@ -103,13 +105,16 @@ def _named(candidate: Candidate, reason: str) -> Rival:
     return Rival(candidate.effect.id, candidate.joints, reason)
 
 
-def _equal(own: CandidateTrial, rival: CandidateTrial, refitted: Callable[[], float]) -> bool:
+def _equal(
+    own: CandidateTrial, rival: CandidateTrial, refitted: Callable[[], float], decided: float = DECIDED
+) -> bool:
     """Whether nothing decides between a cause and a rival that explains about as much power.
 
     A trial keeps the weights of the model without the cause. Where the gap is large they are small, and the links'
     errors stay within a prior that nothing moves: a cause that can imitate these errors too, a load beside a constant
     torque, would seem ahead by what the nuisance explains as soon as the gap is closed. So a cause must be ahead in the
-    trial and once everything is fitted beside each of the two; ``refitted`` gives its own gain then.
+    trial and once everything is fitted beside each of the two; ``refitted`` gives its own gain then. Samples of what
+    both leave that follow each other are no new evidence: ``decided`` grows as the errors of numbers do.
     """
     groups = own.term.groups
     mine, its = own.reach_on(groups), rival.reach_on(groups)
@@ -120,9 +125,9 @@ def _equal(own: CandidateTrial, rival: CandidateTrial, refitted: Callable[[], fl
         return not (ahead and own.gain - rival.gain > DELAYS_DECIDED)
     if its < (1.0 - EQUAL_LOSS) * mine:
         return False
-    if penalised_gain(own) - penalised_gain(rival) < DECIDED:
+    if penalised_gain(own) - penalised_gain(rival) < decided:
         return True
-    return refitted() - _refitted_gain(rival) < DECIDED
+    return refitted() - _refitted_gain(rival) < decided
 
 
 def _refitted_gain(trial: CandidateTrial) -> float:

@@ -4,10 +4,11 @@ r"""Parameters of a fitted term and their standard deviations.
 Coefficients and shape share one covariance: the shape's columns are beside X in the normal equations, so that a
 parameter from a grid has an error as well (profile likelihood to second order),
 
-    C = (P + A / f)^{-1},      f = 1.45 (1 + \rho) / (1 - \rho)
+    C = f (P + A)^{-1},      f = 1.45 (1 + \rho) / (1 - \rho)
 
-P the priors' precision, A what the rows say. The rows say less by what the model leaves over its noise (through the
-weights), by its correlation in time, and by what a model may leave and still pass. A prior is as sure as it is stated.
+P the priors' precision, A what the rows say: less by what the model leaves over its noise (through the weights). f
+stands for its correlation in time, and for what a model may leave and still pass. Priors are inflated as well: where
+one is wrong, a mass by a sixth, a cause that makes up for it would be certain.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ CORRELATION_MAX = 0.9
 """Of neighbouring samples of what is left, as far as errors are inflated for it."""
 
 ALLOWED = 1.45
-"""Power over noise that a model passes with (see `lack_of_fit`): rows say as much less of its numbers."""
+"""Power over noise that a model passes with (see `lack_of_fit`): its numbers' variances are as much larger."""
 
 CONFIDENCE = 0.95
 """With which a cause's numbers must differ from none."""
@@ -168,7 +169,6 @@ def _covariance(model_fit: ModelFit, refiner: ShapeRefiner, index: int, symbols:
     own = np.arange(start, start + size)
     moves = _told(model_fit, refiner, index)
     free = {} if moves else refiner.slopes(term, model_fit.of(index) * term.layout.scale)
-    surplus = ALLOWED * _inflation(model_fit, index)
     cross, gram = np.zeros((count, model_fit.size)), np.zeros((count, count))
     for r in model_fit.fitted:
         for g in term.groups:
@@ -180,9 +180,7 @@ def _covariance(model_fit: ModelFit, refiner: ShapeRefiner, index: int, symbols:
                 for j, other in enumerate(columns):
                     if other is not None:
                         gram[i, j] += model_fit.weights[g] * float(column @ other)
-    prior = np.diag(model_fit.prior)
-    inverse = np.linalg.inv(prior + (model_fit.whole.normal - prior) / surplus)
-    cross, gram = cross / surplus, gram / surplus
+    inverse = model_fit.whole.inverse
     known = [i for i in range(count) if gram[i, i] > 0.0]
     out = np.zeros((size + count, size + count))
     scale = term.layout.scale
@@ -198,7 +196,7 @@ def _covariance(model_fit: ModelFit, refiner: ShapeRefiner, index: int, symbols:
         out[np.ix_(range(size), place)] = -(into.T @ shape_part) / scale[:, None]
         out[np.ix_(place, range(size))] = out[np.ix_(range(size), place)].T
     out[:size, :size] = base / np.outer(scale, scale)
-    return out
+    return out * ALLOWED * correlation_surplus(model_fit, term.groups)
 
 
 def _told(model_fit: ModelFit, refiner: ShapeRefiner, index: int) -> bool:
@@ -212,12 +210,15 @@ def _told(model_fit: ModelFit, refiner: ShapeRefiner, index: int) -> bool:
     return any(first.get(s) != second.get(s) for s in shape)
 
 
-def _inflation(model_fit: ModelFit, index: int) -> float:
-    """By what correlation in time there is in what the model leaves where the term acts."""
+def correlation_surplus(model_fit: ModelFit, groups: Sequence[int]) -> float:
+    r"""How many samples of what a model leaves in some groups say as much as one that is independent.
+
+    (1 + \rho) / (1 - \rho), \rho the correlation of samples that follow each other.
+    """
     above, below = 0.0, 0.0
     for r in model_fit.fitted:
-        left = model_fit.residuals(model_fit.whole.coefficients, r)
-        for g in model_fit.model[index].groups:
+        left = model_fit.left_of(r)
+        for g in groups:
             above += float(left[g][1:] @ left[g][:-1]) * model_fit.weights[g]
             below += float(left[g] @ left[g]) * model_fit.weights[g]
     rho = float(np.clip(above / below if below > 0.0 else 0.0, 0.0, CORRELATION_MAX))

@@ -2,8 +2,7 @@
 """A cause as an entry of a patch: what, applied to the robot, does what was found.
 
 That is the cause itself but for one: a spring that the recordings show only at the links of a robot that carries its
-own weight. Told of as the robot's, it would be carried, too, and change nothing; it is stated as one outside, and one
-without stiffness as the constant torque that it is.
+own weight. Told of as the robot's, it would be carried, too, and change nothing; it is stated as one outside.
 """
 
 from __future__ import annotations
@@ -42,24 +41,17 @@ def patch_entry(cause: Cause) -> PatchEntry:
     outside = CATALOGUE[cause.effect].stated_outside
     if not cause.outside or outside is None:
         return PatchEntry(cause.effect, cause.joints, cause.port, cause.parameters)
-    if all(spring["k"].value == 0.0 for spring in cause.parameters.values()):
-        constant = {key: {"c": _opposite(spring["preload"])} for key, spring in cause.parameters.items()}
-        return PatchEntry("torque_offset", cause.joints, cause.port, constant)
     parameters = {key: _relaxed(symbols) for key, symbols in cause.parameters.items()}
     return PatchEntry(outside, cause.joints, CATALOGUE[outside].description.ports[0], parameters)
-
-
-def _opposite(torque: Estimate) -> Estimate:
-    return Estimate(-torque.value, torque.std, torque.unit)
 
 
 def _relaxed(spring: Mapping[str, Estimate]) -> dict[str, Estimate]:
     r"""Gives k and q_0 = \tau_0 / k, with its error to first order, of a spring with a preload \tau_0.
 
-    One without stiffness, among others that have some, is so long that its torque is the same wherever the joint is.
+    One without stiffness is so long that its torque is the same wherever the joint is.
     """
     k, preload = spring["k"], spring["preload"]
-    stiffness = k.value or LONG * abs(preload.value)
-    angle = preload.value / stiffness
-    error = math.hypot(preload.std, angle * k.std) / stiffness
-    return {"k": Estimate(stiffness, k.std, k.unit), "q0": Estimate(angle, error, "rad")}
+    if k.value == 0.0:
+        k = Estimate(LONG * abs(preload.value), 0.0, k.unit)
+    angle = preload.value / k.value
+    return {"k": k, "q0": Estimate(angle, math.hypot(preload.std, angle * k.std) / k.value, "rad")}
