@@ -116,9 +116,15 @@ def test_what_other_causes_hold_is_no_rival(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(rivals, "promising", lambda ranked, count: ranked)
     monkeypatch.setattr(rivals, "try_term", lambda model_fit, own: SimpleNamespace(term=own))
     monkeypatch.setattr(rivals, "both_delay_torque", lambda own, found: False)
-    monkeypatch.setattr(
-        rivals, "_equal", lambda own, rival, refitted: rival.term.candidate.effect.id == "equal"
-    )
+    asked: list[float] = []
+
+    def as_good(own: SimpleNamespace, rival: SimpleNamespace, refitted: object, decided: float) -> bool:
+        asked.append(decided)
+        return bool(rival.term.candidate.effect.id == "equal")
+
+    monkeypatch.setattr(rivals, "_equal", as_good)
+    monkeypatch.setattr(rivals, "_refitted", lambda own: own.term)
+    monkeypatch.setattr(rivals, "correlation_surplus", lambda refitted, groups: 3.0)
     monkeypatch.setattr(rivals, "_named", lambda candidate, why: (candidate.effect.id, candidate.key))
     monkeypatch.setattr(rivals, "_reason", lambda own, rival: "worse")
     layouts = [SimpleNamespace(shaped=SimpleNamespace(key=one.key), term=one) for one in offered]
@@ -133,6 +139,7 @@ def test_what_other_causes_hold_is_no_rival(monkeypatch: pytest.MonkeyPatch) -> 
     assert equal == (("equal", "elbow"),)
     assert lost == (("worse", "elbow"), ("larger", "elbow"))
     assert standing == Standing(100.0, 70.0)
+    assert set(asked) == {3.0 * rivals.DECIDED}
 
 
 @pytest.mark.parametrize(("together", "alone", "found"), [(0.2, 1.0, 3), (0.2, 0.5, 0), (0.4, 2.0, 0)])
