@@ -224,9 +224,8 @@ class TorqueRipple(JointLaw):
         jump = float(np.abs(np.diff(position)).max())
         if site.travel < 1e-3 or jump == 0.0:
             return ()
-        spacing = (
-            4.0 / site.travel
-        )  # at most 1 rad out of phase at either end: some steps of Newton mend that
+        # At most 1 rad out of phase at either end: some steps of Newton mend that.
+        spacing = 4.0 / site.travel
         orders = np.arange(0.75 * spacing, np.pi / jump, spacing)[:MOST_ORDERS]
         return tuple({"N": float(order)} for order in orders)
 

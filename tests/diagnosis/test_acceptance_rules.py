@@ -209,9 +209,18 @@ def left(*squares: float) -> SimpleNamespace:
     return SimpleNamespace(counts=np.full(len(squares), 1000.0), unseen={3: rows})
 
 
-def compared(rival: SimpleNamespace, own: SimpleNamespace | None = None, ahead: float = 0.0) -> bool:
+def refitted_gain(own: SimpleNamespace) -> float:
+    return rivalry._gain_in(rivalry._refitted(own), own)
+
+
+def compared(
+    rival: SimpleNamespace,
+    own: SimpleNamespace | None = None,
+    ahead: float = 0.0,
+    decided: float = rivalry.DECIDED,
+) -> bool:
     own = trial(advantage=lambda _: ahead) if own is None else own
-    return rivalry._equal(own, rival, lambda: rivalry._refitted_gain(own))
+    return rivalry._equal(own, rival, lambda: refitted_gain(own), decided)
 
 
 @pytest.mark.parametrize(
@@ -236,7 +245,7 @@ def test_a_rival_that_explains_as_much_power_is_judged_by_the_evidence_of_both_f
     assert compared(rival, own) is equal
     # Of three samples in a row that say the same, two are no evidence.
     ahead = min(behind, refitted)
-    judged = rivalry._equal(own, rival, lambda: rivalry._refitted_gain(own), 3.0 * rivalry.DECIDED)
+    judged = compared(rival, own, decided=3.0 * rivalry.DECIDED)
     assert judged is (equal or (reach > 950.0 and ahead < 15.0))
 
 

@@ -17,15 +17,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
 from impedance_modules.diagnosis.regression.candidates import Group
 from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm
+from impedance_modules.diagnosis.residuals.contact_mask import Mask, masked_seconds
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.effects.joint_motion import regularisation_velocity
-
-Mask = NDArray[np.bool_]
 
 REST = 2.0
 """Times the regularisation velocity below which a joint may rest."""
@@ -79,8 +77,7 @@ def reversal_note(
     for (r, g), mask in sliding.items():
         item, (_, joint) = prepared[r], groups[g]
         name = item.tree.joints[joint]
-        lost = float((~mask).sum()) * item.band.step / item.band.rate
-        seconds[name] = seconds.get(name, 0.0) + lost
+        seconds[name] = seconds.get(name, 0.0) + masked_seconds(item, mask)
     if not seconds:
         return ()
     said = ", ".join(f"{name} ({lost:.3g} s)" for name, lost in seconds.items())

@@ -50,8 +50,9 @@ def judge_rivals(
     """
     model_fit = selector.model_fit([other for other in causes if other is not term])
     own = try_term(model_fit, term)
-    refitted = cache(lambda: _refitted_gain(own))
-    decided = DECIDED * correlation_surplus(_refitted(own), own.term.groups)
+    beside = _refitted(own)
+    refitted = cache(lambda: _gain_in(beside, own))
+    decided = DECIDED * correlation_surplus(beside, own.term.groups)
     held = {other.key for other in causes}
     equal: list[Rival] = []
     lost: list[Rival] = []
@@ -105,9 +106,7 @@ def _named(candidate: Candidate, reason: str) -> Rival:
     return Rival(candidate.effect.id, candidate.joints, reason)
 
 
-def _equal(
-    own: CandidateTrial, rival: CandidateTrial, refitted: Callable[[], float], decided: float = DECIDED
-) -> bool:
+def _equal(own: CandidateTrial, rival: CandidateTrial, refitted: Callable[[], float], decided: float) -> bool:
     """Whether nothing decides between a cause and a rival that explains about as much power.
 
     A trial keeps the weights of the model without the cause. Where the gap is large they are small, and the links'
@@ -127,12 +126,12 @@ def _equal(
         return False
     if penalised_gain(own) - penalised_gain(rival) < decided:
         return True
-    return refitted() - _refitted_gain(rival) < decided
+    return refitted() - _gain_in(_refitted(rival), rival) < decided
 
 
-def _refitted_gain(trial: CandidateTrial) -> float:
+def _gain_in(refitted: ModelFit, trial: CandidateTrial) -> float:
     """Penalised log-likelihood of the model with a candidate, everything fitted anew [nats]."""
-    return _log_likelihood(_refitted(trial)) - bic_penalty(trial)
+    return _log_likelihood(refitted) - bic_penalty(trial)
 
 
 def _refitted(trial: CandidateTrial) -> ModelFit:

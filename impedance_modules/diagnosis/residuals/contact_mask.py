@@ -79,14 +79,16 @@ def contact_note(prepared: Sequence[Prepared], fitted: Sequence[int]) -> tuple[s
             "nearly everything is spent in contact, by the phases: only drives and sensors are judged, not the links"
             " (record a motion in free air)",
         )
-    seconds = sum(
-        float((~mask).sum()) * item.band.step / item.band.rate
-        for mask, item in ((mask, prepared[r]) for r, mask in free.items())
-    )
+    seconds = sum(masked_seconds(prepared[r], mask) for r, mask in free.items())
     holding = any(item.log.carrying is not None and item.log.carrying.any() for item in prepared)
     what = "holding an object or in contact" if holding else "in contact"
     acts = "the object's weight and forces of the environment" if holding else "forces of the environment"
     return (f"{seconds:.3g} s {what}, by the phases, are not used for the links: {acts} act there",)
+
+
+def masked_seconds(item: Prepared, mask: Mask) -> float:
+    """How long the rows last that a mask (M,) leaves out [s]."""
+    return float((~mask).sum()) * item.band.step / item.band.rate
 
 
 def intersect_masks(first: Mapping[MaskKey, Mask], second: Mapping[MaskKey, Mask]) -> dict[MaskKey, Mask]:

@@ -11,12 +11,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from impedance_modules.diagnosis.residuals.band import filter_length
+from impedance_modules.diagnosis.residuals.contact_mask import Mask, masked_seconds
 from impedance_modules.diagnosis.residuals.preparation import Prepared
-
-Mask = NDArray[np.bool_]
 
 FILLED_MAX = 0.2
 """Longest gap that may be filled in, in periods of the end of the band."""
@@ -41,7 +39,7 @@ def rows_of_all_residuals(clear: Mapping[int, Mask], groups: int) -> dict[tuple[
 def gap_note(prepared: Sequence[Prepared]) -> tuple[str, ...]:
     """Says how much does not count because of gaps; empty without any."""
     lost = {
-        prepared[r].log.name: float((~mask).sum()) * prepared[r].band.step / prepared[r].band.rate
+        prepared[r].log.name: masked_seconds(prepared[r], mask)
         for r, mask in rows_without_gaps(prepared).items()
     }
     if not lost:
