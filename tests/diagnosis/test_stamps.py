@@ -184,6 +184,22 @@ def test_clean_samples_leave_with_their_noise_only(fault, rate, noise):
     assert torque < bounds[1]
 
 
+@pytest.mark.parametrize(("rate", "longest"), [(200.0, 4), (500.0, 10), (1000.0, 18)])
+@settings(max_examples=25, deadline=None)
+@given(data=st.data(), seed=st.integers(0, 999), first=st.integers(25, 550))
+def test_samples_across_a_gap_are_as_good_as_those_beside_it(rate, longest, data, seed, first):
+    """A spline through the two noisy samples beside a gap of 15 would be wrong by several times their noise."""
+    random, motion = np.random.default_rng(seed), Motion(seed)
+    noise, lost, whole = 0.01, data.draw(st.integers(2, longest)), np.arange(600) / rate
+    taken = np.delete(whole, slice(first, first + lost))
+    read = motion.position(taken) + noise * random.standard_normal((len(taken), 3))
+    filled = resampled(read, taken, whole, "position")
+    # What a polynomial of third order leaves of the motion, over all that it goes through.
+    fourth = np.sum(motion.size * (2.0 * np.pi * motion.frequency) ** 4)
+    bend = fourth * (1.5 * (lost + 3) / rate) ** 4 / 24.0
+    assert np.abs(filled - motion.position(whole)).max() < 5.0 * noise + bend
+
+
 @settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 999), part=st.floats(0.002, 0.15), rate=st.sampled_from(RATES))
 def test_rows_that_are_counted_keep_their_numbers(seed, part, rate):

@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.polynomial.polynomial import polyfit, polyval
 from scipy.interpolate import CubicSpline
 
 from impedance_modules.arrays import Array
@@ -28,6 +29,9 @@ GAP_MAX = 20
 
 LOST, SEVERAL_LOST = 1.8, 2.5
 """From so many steps between two stamps on a sample was lost, and more than one."""
+
+FILL_ORDER = 3
+"""Of the polynomial across a gap."""
 
 EVEN_STEPS = 1e-3
 """Stamps that are even to this part of a step are taken as they are."""
@@ -180,6 +184,8 @@ def resampled(values: Array, time: Array, even: Array, kind: str) -> Array:
 
     Straight lines would attenuate a measurement's tenth of the sampling rate by a twentieth. A command steps; a spline
     would swing beyond its steps, and its last row held would be another row for each stamp that is a little late.
+    Across a gap of several samples a spline would continue the noise of the two samples beside it; there a
+    polynomial through as many samples on either side as were lost is taken.
     """
     if len(time) == len(even) and np.allclose(
         time, even, rtol=0.0, atol=EVEN_STEPS * float(even[1] - even[0])
@@ -187,4 +193,17 @@ def resampled(values: Array, time: Array, even: Array, kind: str) -> Array:
         return values
     if kind == "effort_command":
         return np.column_stack([np.interp(even, time, column) for column in values.T])
-    return np.asarray(CubicSpline(time, values, axis=0)(even))
+    out = np.asarray(CubicSpline(time, values, axis=0)(even))
+    for begin, end in gaps_of(time):
+        inside = (even > begin) & (even < end)
+        out[inside] = _across(values, time, (begin, end), even[inside])
+    return out
+
+
+def _across(values: Array, time: Array, gap: tuple[float, float], wanted: Array) -> Array:
+    """Values (k, n) within a gap, by a polynomial in time through (N, n) samples on both sides of it."""
+    first, count = int(np.searchsorted(time, gap[0])), max(len(wanted), FILL_ORDER)
+    near = slice(max(0, first - count + 1), first + count + 1)
+    centre, half = 0.5 * (gap[0] + gap[1]), 0.5 * (time[near][-1] - time[near][0])
+    order = min(FILL_ORDER, len(time[near]) - 1)
+    return polyval((wanted - centre) / half, polyfit((time[near] - centre) / half, values[near], order)).T

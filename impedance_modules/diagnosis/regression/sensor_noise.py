@@ -31,16 +31,13 @@ import numpy as np
 from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.rigid_dynamics import mass_matrix
 from impedance_modules.diagnosis.regression.candidates import Group
+from impedance_modules.diagnosis.residuals.band import NOISE_ONLY
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.effects.recorded_signals import differentiate, low_passed
 from impedance_modules.effects.residual_kinds import COVERS, EFFORT_SIGN, uses_motion
 
 LACKING = 0.5
 """Repeats that show less than this part of a grid's noise are taken to have repeated its rounding."""
-
-ABOVE, BELOW = 0.25, 0.38
-"""Frequencies [cycles per sample] between which a position holds nothing but noise: beyond motion, before what thinning
-filtered away."""
 
 SENSOR_MIN = 0.05
 """Least part of the noise that is the torque sensor's."""
@@ -114,7 +111,7 @@ def white_noise(values: Array) -> Array:
     window = np.hanning(len(values))[:, None]
     power = np.abs(np.fft.rfft(window * (values - values.mean(axis=0)), axis=0)) ** 2
     frequency = np.fft.rfftfreq(len(values))
-    beyond = power[(frequency > ABOVE) & (frequency < BELOW)]
+    beyond = power[(frequency > NOISE_ONLY[0]) & (frequency < NOISE_ONLY[1])]
     level = np.min([np.median(half, axis=0) for half in np.array_split(beyond, 2)], axis=0)
     return np.asarray(np.sqrt(level / np.log(2.0) / np.sum(window**2)))
 

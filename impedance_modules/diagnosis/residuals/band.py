@@ -15,6 +15,7 @@ from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 from scipy.signal import butter, firwin, kaiser_beta, oaconvolve, sosfiltfilt, upfirdn
 
 from impedance_modules.arrays import Array
@@ -36,6 +37,16 @@ WORK_RATE = 200.0
 
 FLAT_UNTIL = 0.4
 """Frequency up to which thinned samples are whole [cycles per sample]."""
+
+NOISE_ONLY = (0.25, 0.38)
+"""Frequencies [cycles per sample] between which a position holds nothing but noise: beyond motion, before what thinning
+filtered away."""
+
+NOISE_EXCESS = 10.0
+"""Times its noise beyond which a position's power is motion: a tenth of the noise is left at most."""
+
+BINS = 5
+"""Neighbouring frequencies over which that power is averaged."""
 
 ALIAS_ATTENUATION = 100.0
 """Of what would appear at another frequency by thinning, and of the ripple below it [dB]."""
@@ -178,12 +189,47 @@ def deflection_cutoffs(log: Log) -> Array:
     return np.array([BAND_LEAST if cutoff is None else max(cutoff, BAND_LEAST) for cutoff in found])
 
 
+def above_noise(position: Array, acceleration: Array) -> Array:
+    r"""Leaves of accelerations what is motion, at each frequency as far as positions stand out of their white noise.
+
+        G(f) = max(0, 1 - 10 N / P(f)),      P the positions' power, N its level beyond the motion
+
+    The residual is made of the same accelerations. Columns that share their noise fit it: of links whose inertia
+    hardly shows, least squares find one that makes the noise smaller.
+
+    Args:
+        position: (N, n) as read.
+        acceleration: (N, n).
+    """
+    samples = len(position)
+    power, frequency = _periodogram(position), np.fft.rfftfreq(samples)
+    level = uniform_filter1d(power, BINS, axis=0)
+    gain = np.maximum(1.0 - NOISE_EXCESS * _white_level(power, frequency) / np.maximum(level, 1e-300), 0.0)
+    # Continued as in a mirror, a recording has no step at its ends.
+    spectrum = np.fft.rfft(np.concatenate([acceleration, acceleration[::-1]]), axis=0)
+    fine = np.fft.rfftfreq(2 * samples)
+    for joint in range(position.shape[1]):
+        spectrum[:, joint] *= np.interp(fine, frequency, gain[:, joint])
+    return np.fft.irfft(spectrum, 2 * samples, axis=0)[:samples]
+
+
+def _periodogram(position: Array) -> Array:
+    """Power (F, ...) of positions (N, ...) about their mean."""
+    window = np.hanning(len(position)).reshape(-1, *(1,) * (position.ndim - 1))
+    return np.asarray(np.abs(np.fft.rfft(window * (position - position.mean(axis=0)), axis=0)) ** 2)
+
+
+def _white_level(power: Array, frequency: Array) -> Array:
+    """Level of white noise in periodograms (F, ...), by their median beyond the motion [cycles per sample]."""
+    beyond = (frequency > NOISE_ONLY[0]) & (frequency < NOISE_ONLY[1])
+    return np.asarray(np.median(power[beyond], axis=0) / np.log(2.0))
+
+
 def _cutoff(position: Array, rate: float, derivatives: int = 2) -> float | None:
     """End of the band of one joint, by so many derivatives of its position; None where noise is all there is."""
-    window = np.hanning(len(position))
-    power = np.abs(np.fft.rfft(window * (position - position.mean()))) ** 2
+    power = _periodogram(position)
     frequency = np.fft.rfftfreq(len(position), 1.0 / rate)
-    noise = float(np.median(power[frequency > 0.35 * rate])) / np.log(2.0)
+    noise = float(_white_level(power, frequency / rate))
     lift = (2.0 * np.pi * frequency) ** (2 * derivatives)
     noise_power = np.cumsum(lift * noise)
     signal_power = np.cumsum(lift * np.clip(power - noise, 0.0, None) * (power > 10.0 * noise))

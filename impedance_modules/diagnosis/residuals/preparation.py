@@ -26,7 +26,7 @@ from impedance_modules.diagnosis.data.rigid_dynamics import (
 )
 from impedance_modules.diagnosis.data.rigid_tree import RigidTree
 from impedance_modules.diagnosis.data.time_base import delayed
-from impedance_modules.diagnosis.residuals.band import Band, CommonBand, deflection_cutoffs
+from impedance_modules.diagnosis.residuals.band import Band, CommonBand, above_noise, deflection_cutoffs
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.drive_effects import lagged
 from impedance_modules.effects.effect import predicted
@@ -53,7 +53,7 @@ class Prepared:
         band: Its filter.
         signals: Motion and torques for the effects' columns, at the log's rate.
         residuals: Name -> (M, n) residual in the band, thinned to M samples.
-        link_nuisance: (M, n, 10 n) columns of the bodies' inertial parameters.
+        link_nuisance: (M, n, 10 n) columns of the bodies' inertial parameters, by accelerations above their noise.
         weight_nuisance: (M, n, 10 n) likewise of the weight alone, which the robot compensates.
         timing_nuisance: (M, n) change of the residual per second of additional command delay.
         reading_nuisance: (M, n) change of the effort per second that its readings are early.
@@ -101,6 +101,7 @@ def prepare(
     v = differentiate(q, time)
     a = differentiate(v, time)
     regressor = inertial_regressor(model.tree, q, v, a)
+    uncertain = inertial_regressor(model.tree, q, v, above_noise(log.position, a))
     weight = gravity_regressor(model.tree, reading)  # the robot knows its readings only
     signals = _signals(log, model, rigid, band, (time, q, v, a), weight @ model.tree.inertia)
     effort = signals.effort
@@ -117,7 +118,7 @@ def prepare(
         signals=signals,
         residuals=residuals,
         link_nuisance=band.condense(
-            signals.through_springs(regressor, range(signals.n), of_accelerations=True)
+            signals.through_springs(uncertain, range(signals.n), of_accelerations=True)
         ),
         weight_nuisance=band.condense(weight),
         timing_nuisance=band.condense(
