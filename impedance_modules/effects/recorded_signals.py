@@ -91,6 +91,7 @@ class Signals:
         carried: Object that a hand holds, as the task has it; None where nobody says.
         clean_drive: ``drive`` without its noise, where that is known; a law that smooths what was asked for would
             otherwise gain by smoothing the noise that the residual carries too.
+        clean_acceleration: ``acceleration`` as far as it is motion; None where nobody says. Columns are made of it.
         reading: ``effort`` as it was read, where ``effort`` was cleaned: for laws that need no more than its sign.
     """
 
@@ -111,6 +112,7 @@ class Signals:
     spring_reading: Array | None = None
     assistance: Array | None = None
     clean_drive: Array | None = None
+    clean_acceleration: Array | None = None
     surfaces: tuple[SurfaceSpec, ...] = ()
     hands: tuple[str, ...] = ()
     carried: CarriedObject | None = None

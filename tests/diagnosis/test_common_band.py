@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from impedance_modules.diagnosis.data.log import Log
 from impedance_modules.diagnosis.regression.sensor_noise import white_noise
-from impedance_modules.diagnosis.residuals.band import CommonBand, choose_band
+from impedance_modules.diagnosis.residuals.band import CommonBand, above_noise, choose_band
 from impedance_modules.effects.recorded_signals import differentiate
 
 
@@ -80,3 +80,33 @@ def test_what_the_noise_of_positions_makes_of_clean_motion_is_as_strong_as_what_
     read = white_noise(common.thin(q + noise))
     drawn = read * np.random.default_rng(5).standard_normal(common.thin(q).shape)
     assert acceleration(drawn) == pytest.approx(real, rel=0.15)
+
+
+def noisy_motion(rate: float, seed: int, noise: float):
+    """True and read positions (N, 3) of joints that move below 1 Hz; the last one rests."""
+    position = np.column_stack([log(rate, seed + joint).position for joint in range(3)])
+    position[:, 2] = 0.3
+    return position, position + noise * np.random.default_rng(seed).standard_normal(position.shape)
+
+
+def twice_differentiated(position, rate):
+    time = np.arange(len(position)) / rate
+    return differentiate(differentiate(position, time), time)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.sampled_from([50.0, 100.0, 200.0]), st.integers(0, 99), st.sampled_from([1e-5, 1e-4, 5e-4]))
+def test_accelerations_above_their_noise_are_the_motions(rate, seed, noise):
+    """Nothing is left of a joint at rest, and of noise no more than the motion is worth; what moves is whole."""
+    true, read = noisy_motion(rate, seed, noise)
+    found = above_noise(read, twice_differentiated(read, rate))
+    wrong, motion = found - twice_differentiated(true, rate), twice_differentiated(true, rate)
+    inner = slice(len(read) // 20, -(len(read) // 20))
+    assert np.abs(found[inner, 2]).max() < 1e-2 * np.abs(twice_differentiated(read, rate)[inner, 2]).max()
+    assert np.std(wrong[inner, :2]) < 0.05 * np.std(motion[inner, :2])
+
+
+def test_accelerations_without_noise_stay_as_they_are():
+    true, _ = noisy_motion(200.0, 5, 0.0)
+    a = twice_differentiated(true, 200.0)
+    assert np.abs(above_noise(true, a) - a)[50:-50].max() < 1e-3 * np.abs(a).max()

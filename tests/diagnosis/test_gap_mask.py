@@ -48,13 +48,19 @@ def test_rows_that_the_filter_brings_into_a_long_gap_do_not_count(
     gap = np.array([[begin, begin + length]]) + start
     item = recording(gap, start=start)
     clear = rows_without_gaps([item, recording(np.zeros((0, 2)))])
-    if length * CUTOFF <= FILLED_MAX:
-        assert clear == {} and not long_gaps(item)
-        return
+    assert bool(long_gaps(item)) == (length * CUTOFF > FILLED_MAX)
     (mask,) = clear.values()
     assert list(clear) == [0]
     away = np.maximum(gap[0, 0] - item.time, item.time - gap[0, 1])
     np.testing.assert_array_equal(mask, away > filter_length(CUTOFF))
+
+
+@pytest.mark.parametrize(("seconds", "masked"), [(10.0, False), (40.0, True)])
+def test_short_gaps_cost_rows_where_they_are_rare(seconds: float, masked: bool) -> None:
+    """What was filled in is as good as its noise, but torques that are compared differ by less than that."""
+    clear = rows_without_gaps([recording(np.array([[4.0, 4.015], [7.0, 7.015]]), seconds)])
+    assert bool(clear) == masked
+    assert all(not mask[int(4.0 * RATE / 5.0)] and mask[10] for mask in clear.values())
 
 
 def test_where_gaps_are_everywhere_the_recordings_are_taken_as_they_are() -> None:

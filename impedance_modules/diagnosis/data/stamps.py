@@ -206,4 +206,5 @@ def _across(values: Array, time: Array, gap: tuple[float, float], wanted: Array)
     near = slice(max(0, first - count + 1), first + count + 1)
     centre, half = 0.5 * (gap[0] + gap[1]), 0.5 * (time[near][-1] - time[near][0])
     order = min(FILL_ORDER, len(time[near]) - 1)
-    return polyval((wanted - centre) / half, polyfit((time[near] - centre) / half, values[near], order)).T
+    found = polyfit((time[near] - centre) / half, values[near], order)
+    return np.asarray(polyval((wanted - centre) / half, found).T)

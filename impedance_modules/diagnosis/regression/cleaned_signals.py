@@ -85,6 +85,8 @@ def stationary_joints(position: Array) -> NDArray[np.bool_]:
 def with_stationary_joints(signals: Signals) -> Signals:
     """The same recording with stationary joints exactly at rest."""
     still = stationary_joints(signals.position)
+    if signals.clean_acceleration is not None:
+        signals = replace(signals, acceleration=signals.clean_acceleration)
     if not still.any():
         return signals
     position, velocity, acceleration = (

@@ -100,10 +100,11 @@ def prepare(
     q = _link_position(log, model, band, time, reading)
     v = differentiate(q, time)
     a = differentiate(v, time)
+    a_clean = above_noise(log.position, a)
     regressor = inertial_regressor(model.tree, q, v, a)
-    uncertain = inertial_regressor(model.tree, q, v, above_noise(log.position, a))
     weight = gravity_regressor(model.tree, reading)  # the robot knows its readings only
-    signals = _signals(log, model, rigid, band, (time, q, v, a), weight @ model.tree.inertia)
+    signals = _signals(log, model, rigid, band, (time, q, v, a, a_clean), weight @ model.tree.inertia)
+    uncertain = inertial_regressor(model.tree, q, v, a_clean)
     effort = signals.effort
     torque = regressor @ model.tree.inertia
     residuals = {
@@ -172,17 +173,18 @@ def _signals(
     model: NominalModel,
     rigid: BatchedRigidModel,
     band: Band,
-    motion: tuple[Array, Array, Array, Array],
+    motion: tuple[Array, Array, Array, Array, Array],
     carried: Array,
 ) -> Signals:
-    """Inputs of the effects' columns: filtered motion (time, q, v, a), torques, and the drive's parameters."""
-    time, q, v, a = motion
+    """Inputs of the effects' columns: filtered motion (time, q, v, a, a above its noise), torques, the drive."""
+    time, q, v, a, a_clean = motion
     found = Signals(
         model=rigid,
         time=time,
         position=q,
         velocity=v,
         acceleration=a,
+        clean_acceleration=a_clean,
         effort=None if log.effort is None else band.smooth(log.effort),
         drive=_drive(log, model, carried, band),
         assistance=carried if log.gravity_compensation == "robot" and log.command is not None else None,
