@@ -33,7 +33,7 @@ from impedance_modules.diagnosis.regression.candidates import (
 from impedance_modules.diagnosis.regression.cleaned_signals import (
     clean_signals,
     noise_of_repeats,
-    with_stationary_joints,
+    without_noise_of_motion,
 )
 from impedance_modules.diagnosis.regression.design_matrix import build_design
 from impedance_modules.diagnosis.regression.generic_basis import generic_basis
@@ -144,7 +144,7 @@ def _cleaned(prepared: Sequence[Prepared], split: DataSplit) -> list[Signals]:
     pairs = repeat_pairs(prepared, split.fitted)
     noise = noise_of_repeats(prepared, pairs, lambda signals: signals.drive)
     flicker = noise_of_repeats(prepared, pairs, lambda signals: signals.effort)
-    return [clean_signals(with_stationary_joints(item.signals), noise, flicker) for item in prepared]
+    return [clean_signals(without_noise_of_motion(item.signals), noise, flicker) for item in prepared]
 
 
 def _without_reversals(

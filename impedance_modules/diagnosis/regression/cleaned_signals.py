@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Recordings as columns may use them: what carries a reading's noise or a controller's response to it is cleaned.
 
-A joint is stationary if it does not move over a recording: differences of its position are noise. The residual is
-made of them too (M a, I_r a, dq/dt), and a column with the same noise would explain some of it: a lag, a friction, an
-elasticity of a joint at rest. The controller responds to that noise as well. So stationary joints are put at one
-place, driven by what their load needs.
+The residual is made of differentiated positions (M a, I_r a, dq/dt). A column with the same noise would explain some of
+it: a lag, a friction, an elasticity, a rotor. So columns are made of accelerations as far as those are above the noise
+of their positions (`residuals.band`). A joint is stationary if it does not move over a recording: differences of its
+position are all noise, and the controller responds to it. Stationary joints are put at one place, driven by what their
+load needs.
 """
 
 from __future__ import annotations
@@ -82,8 +83,8 @@ def stationary_joints(position: Array) -> NDArray[np.bool_]:
     return np.asarray(position.std(axis=0) < STATIONARY)
 
 
-def with_stationary_joints(signals: Signals) -> Signals:
-    """The same recording with stationary joints exactly at rest."""
+def without_noise_of_motion(signals: Signals) -> Signals:
+    """The same recording with accelerations above their noise, and stationary joints exactly at rest."""
     still = stationary_joints(signals.position)
     if signals.clean_acceleration is not None:
         signals = replace(signals, acceleration=signals.clean_acceleration)

@@ -17,7 +17,7 @@ import numpy as np
 
 from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.regression.candidates import BatchFilter, CandidateRegressor
-from impedance_modules.diagnosis.regression.cleaned_signals import with_stationary_joints
+from impedance_modules.diagnosis.regression.cleaned_signals import without_noise_of_motion
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.effects.residual_kinds import Residual
@@ -35,7 +35,7 @@ def generic_basis(prepared: Sequence[Prepared], residuals: Sequence[Residual]) -
     """Draws the generic regressors of every joint in every residual."""
     regressors: list[CandidateRegressor] = []
     batches = [BatchFilter(item.band) for item in prepared]
-    signals = [with_stationary_joints(item.signals) for item in prepared]
+    signals = [without_noise_of_motion(item.signals) for item in prepared]
     for joint in range(prepared[0].signals.n):
         inputs = [_inputs(own, joint) for own in signals]
         stacked = np.concatenate(inputs)
