@@ -110,3 +110,13 @@ def test_accelerations_without_noise_stay_as_they_are():
     true, _ = noisy_motion(200.0, 5, 0.0)
     a = twice_differentiated(true, 200.0)
     assert np.abs(above_noise(true, a) - a)[50:-50].max() < 1e-3 * np.abs(a).max()
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 99), st.sampled_from([1e-5, 1e-4]))
+def test_the_ends_of_a_recording_are_not_rounded_off(seed, noise):
+    """What a filter makes of a kink at the ends would be a twentieth of the acceleration there."""
+    true, read = noisy_motion(100.0, seed, noise)
+    wrong = above_noise(read, twice_differentiated(read, 100.0)) - twice_differentiated(true, 100.0)
+    for end in (slice(13, 100), slice(-100, -13)):
+        assert np.std(wrong[end, :2]) < 0.03 * np.abs(twice_differentiated(true, 100.0)).max()

@@ -14,6 +14,7 @@ from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
+from numpy.polynomial.polynomial import polyfit
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import butter, firwin, kaiser_beta, oaconvolve, sosfiltfilt, upfirdn
@@ -47,6 +48,9 @@ NOISE_EXCESS = 10.0
 
 BINS = 5
 """Neighbouring frequencies over which that power is averaged."""
+
+ENDS_MIN = 6
+"""Least number of samples from which a slope at an end is taken."""
 
 ALIAS_ATTENUATION = 100.0
 """Of what would appear at another frequency by thinning, and of the ripple below it [dB]."""
@@ -201,16 +205,29 @@ def above_noise(position: Array, acceleration: Array) -> Array:
         position: (N, n) as read.
         acceleration: (N, n).
     """
-    samples = len(position)
-    power, frequency = _periodogram(position), np.asarray(np.fft.rfftfreq(samples), dtype=float)
+    power, frequency = _periodogram(position), np.asarray(np.fft.rfftfreq(len(position)), dtype=float)
     level = uniform_filter1d(power, BINS, axis=0)
     gain = np.maximum(1.0 - NOISE_EXCESS * _white_level(power, frequency) / np.maximum(level, 1e-300), 0.0)
-    # Continued as in a mirror, a recording has no step at its ends.
-    spectrum = np.fft.rfft(np.concatenate([acceleration, acceleration[::-1]]), axis=0)
-    fine = np.fft.rfftfreq(2 * samples)
-    for joint in range(position.shape[1]):
-        spectrum[:, joint] *= np.interp(fine, frequency, gain[:, joint])
-    return np.asarray(np.fft.irfft(spectrum, 2 * samples, axis=0)[:samples])
+    return np.column_stack([_passed(*pair, frequency) for pair in zip(acceleration.T, gain.T, strict=True)])
+
+
+def _passed(values: Array, gain: Array, frequency: Array) -> Array:
+    """Passes samples (N,) as far as a gain (F,) lets them; zero where it lets half of none.
+
+    Continued as in a mirror, a recording has a kink at its ends, which a filter rounds off. So a parabola with the
+    slopes at both ends is taken away before, and added after.
+    """
+    kept, samples = np.flatnonzero(gain > 0.5), len(values)
+    if not kept.size:
+        return np.zeros(samples)
+    near = min(max(ENDS_MIN, round(0.5 / max(frequency[kept[-1]], 1.0 / samples))), samples // 2)
+    steps = np.arange(near)
+    first, last = polyfit(steps, values[:near], 2)[1], -polyfit(steps, values[: -near - 1 : -1], 2)[1]
+    time = np.arange(samples)
+    bow = first * time + 0.5 * (last - first) / (samples - 1) * time**2
+    spectrum = np.fft.rfft(np.concatenate([values - bow, (values - bow)[::-1]]))
+    spectrum *= np.interp(np.fft.rfftfreq(2 * samples), frequency, gain)
+    return np.asarray(bow + np.fft.irfft(spectrum, 2 * samples)[:samples])
 
 
 def _periodogram(position: Array) -> Array:
