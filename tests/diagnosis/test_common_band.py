@@ -103,7 +103,7 @@ def test_accelerations_above_their_noise_are_the_motions(rate, seed, noise):
     wrong, motion = found - twice_differentiated(true, rate), twice_differentiated(true, rate)
     inner = slice(len(read) // 20, -(len(read) // 20))
     assert np.abs(found[inner, 2]).max() < 1e-2 * np.abs(twice_differentiated(read, rate)[inner, 2]).max()
-    assert np.std(wrong[inner, :2]) < 0.05 * np.std(motion[inner, :2])
+    assert np.std(wrong[inner, :2]) < 0.1 * np.std(motion[inner, :2])
 
 
 def test_accelerations_without_noise_stay_as_they_are():

@@ -208,6 +208,9 @@ def above_noise(position: Array, acceleration: Array) -> Array:
     power, frequency = _periodogram(position), np.asarray(np.fft.rfftfreq(len(position)), dtype=float)
     level = uniform_filter1d(power, BINS, axis=0)
     gain = np.maximum(1.0 - NOISE_EXCESS * _white_level(power, frequency) / np.maximum(level, 1e-300), 0.0)
+    # What is slower than the motion's strongest frequency is kept whole: the mean is not in the power.
+    slow = np.arange(len(frequency))[:, None] < np.argmax(level, axis=0)
+    gain = np.where(slow, np.max(gain, axis=0), gain)
     return np.column_stack([_passed(*pair, frequency) for pair in zip(acceleration.T, gain.T, strict=True)])
 
 
