@@ -48,7 +48,7 @@ def test_rows_that_the_filter_brings_into_a_long_gap_do_not_count(
     gap = np.array([[begin, begin + length]]) + start
     item = recording(gap, start=start)
     clear = rows_without_gaps([item, recording(np.zeros((0, 2)))])
-    assert bool(long_gaps(item)) == (length * CUTOFF > FILLED_MAX)
+    assert bool(long_gaps(item)) == ((gap[0, 1] - gap[0, 0]) * CUTOFF > FILLED_MAX)
     (mask,) = clear.values()
     assert list(clear) == [0]
     away = np.maximum(gap[0, 0] - item.time, item.time - gap[0, 1])

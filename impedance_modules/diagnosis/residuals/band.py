@@ -202,8 +202,8 @@ def above_noise(position: Array, acceleration: Array) -> Array:
     hardly shows, least squares find one that makes the noise smaller.
 
     Args:
-        position: (N, n) as read.
-        acceleration: (N, n).
+        position: (N, n) as read [rad].
+        acceleration: (N, n) [rad/s^2].
     """
     power, frequency = _periodogram(position), np.asarray(np.fft.rfftfreq(len(position)), dtype=float)
     level = uniform_filter1d(power, BINS, axis=0)
