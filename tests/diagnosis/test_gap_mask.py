@@ -52,7 +52,8 @@ def test_rows_that_the_filter_brings_into_a_long_gap_do_not_count(
     (mask,) = clear.values()
     assert list(clear) == [0]
     away = np.maximum(gap[0, 0] - item.time, item.time - gap[0, 1])
-    np.testing.assert_array_equal(mask, away > filter_length(CUTOFF))
+    decided = np.abs(away - filter_length(CUTOFF)) > 1e-9
+    np.testing.assert_array_equal(mask[decided], (away > filter_length(CUTOFF))[decided])
 
 
 @pytest.mark.parametrize(("seconds", "masked"), [(10.0, False), (40.0, True)])
