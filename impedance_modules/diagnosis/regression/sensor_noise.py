@@ -31,7 +31,7 @@ import numpy as np
 from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.rigid_dynamics import mass_matrix
 from impedance_modules.diagnosis.regression.candidates import Group
-from impedance_modules.diagnosis.residuals.band import NOISE_ONLY
+from impedance_modules.diagnosis.residuals.band import NOISE_ONLY, periodogram
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.effects.recorded_signals import differentiate, low_passed
 from impedance_modules.effects.residual_kinds import COVERS, EFFORT_SIGN, uses_motion
@@ -108,12 +108,10 @@ def read_noise(item: Prepared) -> Array:
 
 def white_noise(values: Array) -> Array:
     """Rms of white noise in readings (N, n), (n,), by the median of their spectrum beyond the motion."""
-    window = np.hanning(len(values))[:, None]
-    power = np.abs(np.fft.rfft(window * (values - values.mean(axis=0)), axis=0)) ** 2
     frequency = np.fft.rfftfreq(len(values))
-    beyond = power[(frequency > NOISE_ONLY[0]) & (frequency < NOISE_ONLY[1])]
+    beyond = periodogram(values)[(frequency > NOISE_ONLY[0]) & (frequency < NOISE_ONLY[1])]
     level = np.min([np.median(half, axis=0) for half in np.array_split(beyond, 2)], axis=0)
-    return np.asarray(np.sqrt(level / np.log(2.0) / np.sum(window**2)))
+    return np.asarray(np.sqrt(level / np.log(2.0) / np.sum(np.hanning(len(values)) ** 2)))
 
 
 def made_by_grid(item: Prepared) -> Rounding | None:

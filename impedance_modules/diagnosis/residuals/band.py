@@ -205,7 +205,7 @@ def above_noise(position: Array, acceleration: Array) -> Array:
         position: (N, n) as read [rad].
         acceleration: (N, n) [rad/s^2].
     """
-    power, frequency = _periodogram(position), np.asarray(np.fft.rfftfreq(len(position)), dtype=float)
+    power, frequency = periodogram(position), np.asarray(np.fft.rfftfreq(len(position)), dtype=float)
     level = uniform_filter1d(power, BINS, axis=0)
     gain = np.maximum(1.0 - NOISE_EXCESS * _white_level(power, frequency) / np.maximum(level, 1e-300), 0.0)
     # What is slower than the motion's strongest frequency is kept whole: the mean is not in the power.
@@ -233,10 +233,10 @@ def _passed(values: Array, gain: Array, frequency: Array) -> Array:
     return np.asarray(bow + np.fft.irfft(spectrum, 2 * samples)[:samples])
 
 
-def _periodogram(position: Array) -> Array:
-    """Power (F, ...) of positions (N, ...) about their mean."""
-    window = np.hanning(len(position)).reshape(-1, *(1,) * (position.ndim - 1))
-    return np.asarray(np.abs(np.fft.rfft(window * (position - position.mean(axis=0)), axis=0)) ** 2)
+def periodogram(values: Array) -> Array:
+    """Power (F, ...) of samples (N, ...) about their mean, by a Hann window."""
+    window = np.hanning(len(values)).reshape(-1, *(1,) * (values.ndim - 1))
+    return np.asarray(np.abs(np.fft.rfft(window * (values - values.mean(axis=0)), axis=0)) ** 2)
 
 
 def _white_level(power: Array, frequency: Array) -> Array:
@@ -247,7 +247,7 @@ def _white_level(power: Array, frequency: Array) -> Array:
 
 def _cutoff(position: Array, rate: float, derivatives: int = 2) -> float | None:
     """End of the band of one joint, by so many derivatives of its position; None where noise is all there is."""
-    power = _periodogram(position)
+    power = periodogram(position)
     frequency = np.fft.rfftfreq(len(position), 1.0 / rate)
     # Of thinned samples this reaches into the filter's edge and is a little low; the share allows for it.
     noise = float(np.median(power[frequency > 0.35 * rate])) / np.log(2.0)

@@ -101,12 +101,11 @@ def prepare(
     v = differentiate(q, time)
     a = differentiate(v, time)
     a_clean = above_noise(log.position, a)
-    regressor = inertial_regressor(model.tree, q, v, a)
     weight = gravity_regressor(model.tree, reading)  # the robot knows its readings only
     signals = _signals(log, model, rigid, band, (time, q, v, a, a_clean), weight @ model.tree.inertia)
-    uncertain = inertial_regressor(model.tree, q, v, a_clean)
+    regressor = inertial_regressor(model.tree, q, v, a_clean)
     effort = signals.effort
-    torque = regressor @ model.tree.inertia
+    torque = inverse_dynamics(model.tree, q, v, a)
     residuals = {
         name: band.condense(values - effect_torque(_known(known_effects, signals), signals, name))
         for name, values in _residuals(log, model, signals, torque).items()
@@ -119,7 +118,7 @@ def prepare(
         signals=signals,
         residuals=residuals,
         link_nuisance=band.condense(
-            signals.through_springs(uncertain, range(signals.n), of_accelerations=True)
+            signals.through_springs(regressor, range(signals.n), of_accelerations=True)
         ),
         weight_nuisance=band.condense(weight),
         timing_nuisance=band.condense(
