@@ -312,6 +312,8 @@ def _gaps(found: Diagnosis) -> Table:
 
 def _print_causes(causes: Sequence[Cause], console: Console) -> None:
     """Prints each cause with its numbers, a line each: names and units stay whole on a narrow terminal."""
+    from impedance_modules.diagnosis.report.diagnosis_files import other_places
+
     likeliest = sorted(causes, key=lambda cause: (-(cause.probability or 0.0), -cause.weight))
     for rank, cause in enumerate(likeliest, start=1):
         carriers = ", ".join(cause.joints) or ", ".join(cause.parameters)
@@ -324,6 +326,10 @@ def _print_causes(causes: Sequence[Cause], console: Console) -> None:
         for key, symbols in cause.parameters.items():
             numbers = (f"{symbol} {e.value:.4g} ± {e.std:.2g} {e.unit}" for symbol, e in symbols.items())
             console.print(f"   {key}: {', '.join(numbers)}", highlight=False)
+        if cause.elsewhere:
+            console.print(
+                f"   as well at: {', '.join(other_places(cause)).replace('_', ' ')}", highlight=False
+            )
         if cause.equivalent:
             others = ", ".join(f"{rival.effect} {' '.join(rival.joints)}" for rival in cause.equivalent)
             console.print(styled("   [yellow]or instead:[/yellow] {}", others))

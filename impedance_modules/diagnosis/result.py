@@ -215,6 +215,7 @@ class Cause:
         probability: That this effect is present at these joints; None until the whole result is known.
         grounds: What the probability follows from.
         outside: Whether it is not of the robot, as its maker would know it: a patch states it as such.
+        elsewhere: Other ports at which it would explain these recordings as well.
     """
 
     effect: str
@@ -232,6 +233,7 @@ class Cause:
     probability: float | None = None
     grounds: Grounds | None = None
     outside: bool = False
+    elsewhere: tuple[Port, ...] = ()
 
 
 @dataclass(frozen=True)

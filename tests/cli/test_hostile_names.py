@@ -18,8 +18,9 @@ from impedance_modules.cli.plain_lines import say, say_error
 from impedance_modules.cli.terminal import Terminal, styled
 from impedance_modules.diagnosis.diagnose import insufficient
 from impedance_modules.diagnosis.report.diagnosis_files import diagnosis_object
+from impedance_modules.diagnosis.report.html_causes import cause_sections
 from impedance_modules.diagnosis.report.html_elements import drawing, new_figure
-from impedance_modules.diagnosis.report.html_report import cause_sections, html_report
+from impedance_modules.diagnosis.report.html_report import html_report
 from impedance_modules.episode.reader import read_episode
 from impedance_modules.episode.run_picture import write_picture
 from impedance_modules.errors import BadInput, printable

@@ -18,9 +18,9 @@ from impedance_modules.diagnosis.model_selection.forward_selection import Select
 from impedance_modules.diagnosis.result import Standing
 
 
-def term(key: str, *groups: int, effect: str = "viscous_friction") -> SimpleNamespace:
-    candidate = SimpleNamespace(effect=SimpleNamespace(id=effect), key=key, joints=(key,))
-    return SimpleNamespace(key=(effect, key), groups=groups, candidate=candidate)
+def term(key: str, *groups: int, effect: str = "viscous_friction", port: str = "actuator") -> SimpleNamespace:
+    candidate = SimpleNamespace(effect=SimpleNamespace(id=effect), key=key, joints=(key,), port=port)
+    return SimpleNamespace(key=(effect, key, port), groups=groups, candidate=candidate)
 
 
 @pytest.mark.parametrize(
@@ -104,12 +104,15 @@ def test_the_best_order_that_holds_elsewhere_explains(monkeypatch: pytest.Monkey
 def test_what_other_causes_hold_is_no_rival(monkeypatch: pytest.MonkeyPatch) -> None:
     """The others are tried in the cause's place; those that fit as well are named, those that do not have a reason.
 
-    The cause leads the best of these; one of which it is a special case does not count.
+    The cause leads the best of these; one of which it is a special case does not count. The same effect at another
+    place is no other name: it is told as a place.
     """
     cause, other = term("elbow", 0), term("wrist", 1)
-    offered = [term("elbow", 0, effect=effect) for effect in ("equal", "worse", "larger")] + [other]
+    offered = [term("elbow", 0, effect=effect) for effect in ("equal", "worse", "larger")] + [other, cause]
+    there = term("elbow", 0, port="sensor")
+    offered.append(there)
     gains = {cause.key: 100.0} | dict(
-        zip([one.key for one in offered], (99.0, 30.0, 98.0, 97.0), strict=True)
+        zip([one.key for one in offered], (99.0, 30.0, 98.0, 97.0, 100.0, 99.5), strict=True)
     )
     monkeypatch.setattr(rivals, "penalised_gain", lambda trial: gains[trial.term.key])
     monkeypatch.setattr(rivals, "contains", lambda rival, own: rival.term.candidate.effect.id == "larger")
@@ -120,9 +123,10 @@ def test_what_other_causes_hold_is_no_rival(monkeypatch: pytest.MonkeyPatch) -> 
 
     def as_good(own: SimpleNamespace, rival: SimpleNamespace, refitted: object, decided: float) -> bool:
         asked.append(decided)
-        return bool(rival.term.candidate.effect.id == "equal")
+        return bool(rival.term.candidate.effect.id == "equal" or rival.term is there)
 
     monkeypatch.setattr(rivals, "_equal", as_good)
+    monkeypatch.setattr(rivals, "_open", lambda rival, own: True)
     monkeypatch.setattr(rivals, "_refitted", lambda own: own.term)
     monkeypatch.setattr(rivals, "correlation_surplus", lambda refitted, groups: 3.0)
     monkeypatch.setattr(rivals, "_named", lambda candidate, why: (candidate.effect.id, candidate.key))
@@ -135,10 +139,11 @@ def test_what_other_causes_hold_is_no_rival(monkeypatch: pytest.MonkeyPatch) -> 
         refined=lambda model_fit, trials: trials,
         plausibility=SimpleNamespace(unphysical=lambda rival: None),
     )
-    equal, lost, standing = rivals.judge_rivals(selector, [cause, other], cause)
-    assert equal == (("equal", "elbow"),)
-    assert lost == (("worse", "elbow"), ("larger", "elbow"))
-    assert standing == Standing(100.0, 70.0)
+    found = rivals.judge_rivals(selector, [cause, other], cause)
+    assert found.equal == (("equal", "elbow"),)
+    assert found.elsewhere == ("sensor",)
+    assert found.lost == (("worse", "elbow"), ("larger", "elbow"))
+    assert found.standing == Standing(100.0, 70.0)
     assert set(asked) == {3.0 * rivals.DECIDED}
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from impedance_modules.diagnosis.model_selection import cause_search
+from impedance_modules.effects.catalogue import CATALOGUE
 
 
 def term(name: str) -> SimpleNamespace:
@@ -115,12 +116,13 @@ def test_the_flexible_model_uses_simple_candidates_of_one_joint() -> None:
     ("parameters", "replaces", "value", "sure", "kept"),
     [(1, False, 1.20, False, True), (1, False, 1.19, True, False), (1, False, 0.80, False, True),
      (1, False, 0.81, True, False), (2, False, 1.0, True, True), (2, False, 5.0, False, False),
-     (1, True, 1.0, False, True)],
+     (1, True, 1.0, False, False), (1, True, 1.0, True, True)],
 )  # fmt: skip
 def test_a_single_number_must_differ_from_no_effect(
     monkeypatch, parameters, replaces, value, sure, kept
 ) -> None:
-    """By 1.96 standard deviations, of 0.1 here; no effect is 1. Several numbers are judged together."""
+    """By 1.96 standard deviations, of 0.1 here; no effect is 1. Several numbers are judged together, and so is one that
+    replaces the model's own, which is no fixed value."""
     described = SimpleNamespace(parameters=[SimpleNamespace(neutral=1.0)] * parameters)
     one = SimpleNamespace(
         candidate=SimpleNamespace(effect=SimpleNamespace(description=described, replaces=replaces))
@@ -129,3 +131,42 @@ def test_a_single_number_must_differ_from_no_effect(
     monkeypatch.setattr(cause_search, "estimates", lambda fit, refiner, index, *, prismatic: found)
     monkeypatch.setattr(cause_search, "beyond_chance", lambda fit, refiner, index: sure)
     assert cause_search.significant_terms(SimpleNamespace(model=[one]), None) == ([one] if kept else [])
+
+
+@pytest.mark.parametrize("name", ["joint_elasticity", "reflected_inertia", "surface_stiffness"])
+@pytest.mark.parametrize("certain", [True, False])
+def test_a_number_that_replaces_another_must_differ_from_it(
+    monkeypatch: pytest.MonkeyPatch, name: str, certain: bool
+) -> None:
+    """K of 12 +- 33 N.m/rad is no elasticity: its compliance may as well be that of the robot file."""
+    monkeypatch.setattr(cause_search, "beyond_chance", lambda model_fit, refiner, index: certain)
+    one = SimpleNamespace(candidate=SimpleNamespace(effect=CATALOGUE[name]))
+    model_fit = SimpleNamespace(model=[one])
+    assert cause_search.significant_terms(model_fit, None) == ([one] if certain else [])
+
+
+@pytest.mark.parametrize(
+    ("again", "kept"),
+    [
+        ((("coulomb_friction", 0),), True),
+        ((("load_dependent_friction", 0), ("actuator_lag", 0)), True),
+        ((("actuator_lag", 0),), False),
+        ((("coulomb_friction", 1),), False),
+        ((), False),
+    ],
+)
+def test_reversals_are_left_out_only_where_friction_is_dry_without_them(
+    monkeypatch: pytest.MonkeyPatch, again: tuple[tuple[str, int], ...], kept: bool
+) -> None:
+    def named(effect: str, group: int) -> SimpleNamespace:
+        return SimpleNamespace(candidate=SimpleNamespace(effect=CATALOGUE[effect]), groups=(group,))
+
+    first = SimpleNamespace(causes=[named("coulomb_friction", 0)])
+    second = SimpleNamespace(causes=[named(*one) for one in again])
+    monkeypatch.setattr(cause_search, "rows_without_reversals", lambda *rest: {(0, 0): np.array([True])})
+    monkeypatch.setattr(cause_search, "reversal_note", lambda *rest: ("said",))
+    masked = SimpleNamespace(run=lambda progress: second)
+    design = SimpleNamespace(whitening=SimpleNamespace(clear={}), groups=(), without=lambda mask: mask)
+    selector = SimpleNamespace(model_fit=None, design=design, on=lambda design: masked)
+    found = cause_search._without_reversals(selector, first, (), lambda words: None)
+    assert found == ((masked, second, ("said",)) if kept else (selector, first, ()))

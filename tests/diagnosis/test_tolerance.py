@@ -21,7 +21,7 @@ from impedance_modules.diagnosis.model_selection.tolerance import (
     stays_near,
 )
 from impedance_modules.diagnosis.report.diagnosis_files import diagnosis_object
-from impedance_modules.diagnosis.report.html_report import small_section
+from impedance_modules.diagnosis.report.html_causes import small_section
 from impedance_modules.diagnosis.result import (
     Cause,
     CauseRollout,
@@ -53,8 +53,8 @@ def recording(torque: float, speed: float = 1.0) -> SimpleNamespace:
     return SimpleNamespace(load=torque * one, position=one, velocity=speed * one, tree=tree)
 
 
-def cause(ratio: float | None, verdict: str = "helps") -> Cause:
-    shown = None if ratio is None else CauseRollout(ratio, 1.0, ratio, 0.01, verdict)
+def cause(ratio: float | None, verdict: str = "helps", error: float = 0.01) -> Cause:
+    shown = None if ratio is None else CauseRollout(ratio, 1.0, ratio, error, verdict)
     numbers = {"hinge": {"fc": Estimate(0.05, 0.001, "N.m")}}
     nothing: dict[str, tuple[float, float]] = {}
     return Cause("coulomb_friction", ("hinge",), "link", numbers, 1.0, 0.9, (), (), nothing, nothing, shown)
@@ -118,6 +118,14 @@ def test_a_cause_is_small_by_its_torque_and_by_its_motion(
     assert (found.small == (one,), found.causes == (one,)) == (small, not small)
     assert (found.verdict, found.tolerance) == ("no_gap" if small else "explained", tolerance)
     assert ("within the tolerance" in found.remainder.structure) is small
+
+
+@pytest.mark.parametrize(("error", "small"), [(0.1, False), (0.23, False), (0.3, True)])
+def test_what_probably_changes_the_motion_is_not_small(error: float, small: bool) -> None:
+    """Error power 1.7 times as large without it: a logarithm of 0.53, which is 2.3 standard errors of 0.23."""
+    one = cause(1.7, "no difference", error)
+    found = set_small_aside(diagnosis(one), evidence(0.02, 0.0), 0.01)
+    assert (found.small == (one,)) is small
 
 
 def test_one_large_cause_keeps_the_others_and_a_push_is_never_small() -> None:

@@ -150,14 +150,25 @@ def _cleaned(prepared: Sequence[Prepared], split: DataSplit) -> list[Signals]:
 def _without_reversals(
     selector: Selector, found: Selection, prepared: Sequence[Prepared], progress: Progress
 ) -> tuple[Selector, Selection, tuple[str, ...]]:
-    """Repeats the search without the rows in which dry friction is not understood, and says so; else as given."""
+    """Repeats the search without the rows in which dry friction is not understood, and says so; else as given.
+
+    It holds if dry friction is found again at the joints that lost rows.
+    """
     sliding = rows_without_reversals(found.causes, selector.model_fit, prepared)
     if not sliding:
         return selector, found, ()
     progress("masking reversals")
     design = selector.design
     masked = selector.on(design.without(intersect_masks(design.whitening.clear, sliding)))
-    return masked, masked.run(progress), reversal_note(sliding, prepared, design.groups)
+    again = masked.run(progress)
+    dry = {group for cause in again.causes if cause.candidate.effect.dry for group in cause.groups}
+    if not {group for _, group in sliding} <= dry:
+        return (
+            selector,
+            found,
+            (),
+        )  # nothing dry is left, so dry friction is no reason to leave its reversals out
+    return masked, again, reversal_note(sliding, prepared, design.groups)
 
 
 def _without_pushes(
@@ -204,9 +215,8 @@ def significant_terms(model_fit: ModelFit, refiner: ShapeRefiner) -> list[ModelT
 
 def _significant(model_fit: ModelFit, refiner: ShapeRefiner, index: int, term: ModelTerm) -> bool:
     effect = term.candidate.effect
-    if effect.replaces:
-        return True
-    if len(effect.description.parameters) > 1:
+    # A number that replaces the nominal one has coefficients that are zero where it does not differ.
+    if effect.replaces or len(effect.description.parameters) > 1:
         return beyond_chance(model_fit, refiner, index)
     neutral = effect.description.parameters[0].neutral
     (found,) = estimates(model_fit, refiner, index, prismatic=False).values()

@@ -238,7 +238,7 @@ def _median_posture(evidence: Evidence, model: NominalModel) -> dict[str, float]
 def _cause(evidence: Evidence, term: ModelTerm, gain: float) -> Cause:
     candidate = term.candidate
     model = evidence.model_fit.model
-    equal, lost, standing = judge_rivals(evidence.selector, model, term)
+    compared = judge_rivals(evidence.selector, model, term)
     prismatic = any(
         body.prismatic and body.joint in candidate.joints for body in evidence.prepared[0].tree.bodies
     )
@@ -253,12 +253,13 @@ def _cause(evidence: Evidence, term: ModelTerm, gain: float) -> Cause:
         },
         weight=gain,
         shrink=None,
-        equivalent=equal,
-        rivals=lost,
+        equivalent=compared.equal,
+        rivals=compared.lost,
         position_range=_range(evidence, candidate, "position"),
         velocity_range=_range(evidence, candidate, "velocity"),
-        standing=standing,
+        standing=compared.standing,
         outside=candidate.effect.is_outside(term.shaped.shape, candidate.site(evidence.prepared[0].signals)),
+        elsewhere=compared.elsewhere,
     )
 
 
@@ -294,6 +295,7 @@ def _merge(one: Cause, other: Cause) -> Cause:
         velocity_range={**one.velocity_range, **other.velocity_range},
         standing=one.standing.least(other.standing),
         outside=one.outside and other.outside,
+        elsewhere=tuple(port for port in one.elsewhere if port in other.elsewhere),
     )
 
 

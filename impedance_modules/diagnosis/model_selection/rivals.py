@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -21,6 +22,7 @@ from impedance_modules.diagnosis.regression.candidates import Candidate
 from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm, part_of
 from impedance_modules.diagnosis.regression.parameter_estimates import correlation_surplus
 from impedance_modules.diagnosis.result import Rival, Standing
+from impedance_modules.effects.effect_description import Port
 
 ASKED = 8
 """Rivals that are tried beside each cause."""
@@ -39,15 +41,25 @@ DELAYS_DECIDED = 7.5
 """... and log-likelihood, too [nats]."""
 
 
-def judge_rivals(
-    selector: Selector, causes: Sequence[ModelTerm], term: ModelTerm
-) -> tuple[tuple[Rival, ...], tuple[Rival, ...], Standing]:
-    """Tries every promising candidate in a cause's place, the other causes kept.
+@dataclass(frozen=True)
+class Comparison:
+    """A cause beside its rivals.
 
-    Returns:
-        Those that cannot be told from it; the others with the reason why they lost; and how far the cause stands out
-        from these.
+    Attributes:
+        equal: Those that cannot be told from it.
+        elsewhere: Other ports at which the same effect cannot be told from it.
+        lost: The others, with the reason why.
+        standing: How far the cause stands out from these.
     """
+
+    equal: tuple[Rival, ...]
+    elsewhere: tuple[Port, ...]
+    lost: tuple[Rival, ...]
+    standing: Standing
+
+
+def judge_rivals(selector: Selector, causes: Sequence[ModelTerm], term: ModelTerm) -> Comparison:
+    """Tries every promising candidate in a cause's place, the other causes kept."""
     model_fit = selector.model_fit([other for other in causes if other is not term])
     own = try_term(model_fit, term)
     beside = _refitted(own)
@@ -55,29 +67,35 @@ def judge_rivals(
     decided = DECIDED * correlation_surplus(beside, own.term.groups)
     held = {other.key for other in causes}
     equal: list[Rival] = []
+    elsewhere: list[Port] = []
     lost: list[Rival] = []
     beaten = [0.0]
     asked = [
         layout
         for layout in promising(selector.screen.rank(model_fit), ASKED)
-        if layout.shaped.key not in held
+        if layout.shaped.key not in held | {term.key}
     ]
     for found in selector.refined(model_fit, [selector.trial(model_fit, layout) for layout in asked]):
         rival = selector.moved(model_fit, found) if both_delay_torque(own, found) else found
         candidate = rival.term.candidate
         other = not same_name(candidate, term.candidate)
-        if (
-            other
-            and _equal(own, rival, refitted, decided)
-            and (selector.plausibility.unphysical(rival) is None or _open(rival, own))
-        ):
-            equal.append(_named(candidate, "fits unseen recordings as well"))
-        else:
-            lost.append(_named(candidate, _reason(own, rival)))
+        reason = _lost(selector, own, rival, refitted, decided)
+        if reason is not None:
+            at = "" if other else f"at the {_place(candidate)}: "
+            lost.append(_named(candidate, at + reason))
             if other and not contains(rival, own):
                 beaten.append(penalised_gain(rival))
+        elif other:
+            equal.append(_named(candidate, "fits unseen recordings as well"))
+        else:
+            elsewhere.append(candidate.port)
     gain = penalised_gain(own)
-    return tuple(dict.fromkeys(equal)), tuple(dict.fromkeys(lost)), Standing(gain, gain - max(beaten))
+    return Comparison(
+        equal=tuple(dict.fromkeys(equal)),
+        elsewhere=tuple(dict.fromkeys(elsewhere)),
+        lost=tuple(dict.fromkeys(lost)),
+        standing=Standing(gain, gain - max(beaten)),
+    )
 
 
 def same_name(one: Candidate, other: Candidate) -> bool:
@@ -102,8 +120,25 @@ def contains(rival: CandidateTrial, own: CandidateTrial) -> bool:
     return more.key == less.key and (larger or empty)
 
 
+def _place(candidate: Candidate) -> str:
+    return candidate.effect.description.place(candidate.port).replace("_", " ")
+
+
 def _named(candidate: Candidate, reason: str) -> Rival:
     return Rival(candidate.effect.id, candidate.joints, reason)
+
+
+def _lost(
+    selector: Selector,
+    own: CandidateTrial,
+    rival: CandidateTrial,
+    refitted: Callable[[], float],
+    decided: float,
+) -> str | None:
+    """Why a rival lost; None where it cannot be told from the cause."""
+    if not _equal(own, rival, refitted, decided):
+        return _reason(own, rival)
+    return None if _open(rival, own) else selector.plausibility.unphysical(rival)
 
 
 def _equal(own: CandidateTrial, rival: CandidateTrial, refitted: Callable[[], float], decided: float) -> bool:

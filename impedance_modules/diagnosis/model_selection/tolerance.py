@@ -28,6 +28,10 @@ from impedance_modules.diagnosis.result import Cause, Diagnosis, Remainder, Roll
 CHANGED = 1.21
 """Power of the simulated motion's error without a cause over that with it, from which the cause changes the motion."""
 
+CHANCE = 1.96
+"""Standard errors of its logarithm within which that ratio is chance: fewer than a cause needs to be called a help, as
+what probably changes the motion is not small."""
+
 DRIFT = 1.5
 """Simulated error over its noise, beyond which what remains changes the motion."""
 
@@ -88,7 +92,7 @@ def beside_noise(evidence: Evidence) -> Array:
 def is_small(cause: Cause, evidence: Evidence, limits: Array) -> bool:
     """Whether a cause's torque is within the limits (groups,) at each joint, and the simulated motion needs it not."""
     shown = cause.rollout
-    if shown is not None and shown.verdict == "helps" and shown.ratio >= CHANGED:
+    if shown is not None and shown.ratio >= max(CHANGED, np.exp(CHANCE * shown.standard_error)):
         return False
     model_fit, recordings = evidence.model_fit, range(len(evidence.prepared))
     terms = [

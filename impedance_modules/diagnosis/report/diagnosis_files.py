@@ -230,6 +230,7 @@ def _cause(cause: Cause) -> dict[str, Any]:
         "joints": list(cause.joints),
         "port": cause.port,
         "place": CATALOGUE[cause.effect].description.place(cause.port),
+        "other_places": other_places(cause),
         "parameters": {
             key: {s: {"value": e.value, "std": e.std, "unit": e.unit} for s, e in symbols.items()}
             for key, symbols in cause.parameters.items()
@@ -242,6 +243,11 @@ def _cause(cause: Cause) -> dict[str, Any]:
         "equivalent": [_rival(rival) | {} for rival in cause.equivalent],
         "rivals": [_rival(rival) | {"lost_because": rival.reason} for rival in cause.rivals],
     }
+
+
+def other_places(cause: Cause) -> list[str]:
+    """Links of the chain at which the same effect would explain the recordings as well."""
+    return [CATALOGUE[cause.effect].description.place(port) for port in cause.elsewhere]
 
 
 def _probability(cause: Cause) -> dict[str, Any]:
