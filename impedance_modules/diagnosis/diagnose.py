@@ -33,11 +33,7 @@ from impedance_modules.diagnosis.model_selection.conclusion import (
     conclude,
 )
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
-from impedance_modules.diagnosis.model_selection.naming import (
-    without_negligible,
-    without_rejected,
-    without_uncertain,
-)
+from impedance_modules.diagnosis.model_selection.naming import without_negligible, without_rejected
 from impedance_modules.diagnosis.model_selection.object_search import with_held_object
 from impedance_modules.diagnosis.model_selection.probability import with_probabilities
 from impedance_modules.diagnosis.model_selection.surface_search import with_surfaces
@@ -122,9 +118,8 @@ def diagnose(
     left_out = {*without, *not_searched(under_water=under_water)}
     evidence = search_causes(prepared, split, model, left_out, progress, each)
     evidence, small = without_negligible(evidence)
-    evidence, unsure = without_uncertain(evidence)
     left_out_rows = (*contact_note(prepared, split.fitted), *gap_note(prepared), *evidence.notes)
-    notes = (*split.warnings, *left_out_rows, *small, *unsure)
+    notes = (*split.warnings, *left_out_rows, *small)
     while True:
         found = _concluded(evidence, model, report, notes, progress)
         progress("simulating the held-out recordings")

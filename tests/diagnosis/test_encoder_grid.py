@@ -105,7 +105,8 @@ def test_the_floor_of_a_slow_recording_is_higher_than_that_of_fast_repeats(resid
     monkeypatch.setattr(sensor_noise, "mass_matrix", lambda _, q: np.ones((len(q), 1, 1)))
     items = [recorded(0.3), recorded(0.3), recorded(0.003)]
     made = [sensor_noise.made_by_grid(item) for item in items]
-    ratio = sensor_noise.noise_ratios([(residual, 0)], items, [(1, 0)], [power], made[0].power)
+    own = sensor_noise.position_powers(made, [(residual, 0)])
+    ratio = sensor_noise.noise_shares(np.array([power]), own[:2].mean(axis=0), own)
     assert ratio[:2, 0] == pytest.approx(1.0, rel=0.02)
     name = "velocity" if residual == "velocity" else "acceleration"
     fast, slow = (float(np.mean(getattr(made[r], name) ** 2)) for r in (0, 2))
@@ -132,6 +133,19 @@ def test_the_grid_of_a_torque_of_few_levels_is_found(size):
     torque = size * step * np.sin(2.0 * np.pi * 0.5 * np.arange(4000) / 200.0)
     read = step * np.round(torque / step + 0.3 * random.standard_normal(4000))
     recordings = [{"a": read, "b": torque}]
+    assert torque_steps_of(recordings, ["a", "b"]) == pytest.approx([step, 0.0], rel=1e-6)
+
+
+@pytest.mark.parametrize("size", [0.6, 6.0, 200.0])
+@pytest.mark.parametrize("between", [0.3, 0.6])
+def test_the_grid_of_a_log_that_was_interpolated_is_found(size, between):
+    """Stamps between two samples, for a part of all rows: their values lie between two levels."""
+    random, step = np.random.default_rng(7), 0.162
+    torque = size * step * np.sin(2.0 * np.pi * 0.5 * np.arange(4001) / 200.0)
+    read = step * np.round(torque / step + 0.3 * random.standard_normal(4001))
+    late = np.where(random.random(4000) < between, random.random(4000), 0.0)
+    logged = read[:-1] + late * np.diff(read)
+    recordings = [{"a": logged, "b": torque[:-1]}]
     assert torque_steps_of(recordings, ["a", "b"]) == pytest.approx([step, 0.0], rel=1e-6)
 
 

@@ -106,6 +106,25 @@ def test_what_follows_the_command_may_follow_its_noise(key: str, port: str, free
     assert comes_back(trial((one, one), (other, other), key=key, port=port), [(1, 0)]) is free
 
 
+@given(st.integers(0, 2**32 - 1), st.floats(0.5, 1.0), st.floats(0.1, 2.0))
+@settings(max_examples=40)
+def test_of_a_command_what_both_repeats_hold_must_come_back(seed: int, share: float, size: float) -> None:
+    """A controller's answer to the noise of positions is no gain; a gain that is off acts on motion and noise alike."""
+    random = np.random.default_rng(seed)
+    shared = [fast_noise(random) for _ in range(2)]
+    rest = [0.1 * random.standard_normal(SAMPLES) for _ in range(2)]
+    commands = [3.0 * MOTION + share * noise for noise in shared]
+    answer = trial(
+        *((u, e - noise) for u, e, noise in zip(commands, rest, shared, strict=True)),
+        key="torque_gain",
+        port="actuator",
+    )
+    gain = trial(
+        *((u, e + size * u) for u, e in zip(commands, rest, strict=True)), key="torque_gain", port="actuator"
+    )
+    assert not comes_back(answer, [(1, 0)]) and comes_back(gain, [(1, 0)])
+
+
 def test_a_part_that_the_model_makes_too_counts_for_nothing() -> None:
     one = trial((MOTION, MOTION))
     one.model_fit.ids = [np.zeros(1, dtype=int)]

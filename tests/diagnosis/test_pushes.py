@@ -77,11 +77,13 @@ def test_a_push_is_named_and_three_torques_that_any_force_would_explain_are_none
         return
     (push,) = pushes
     ((link, numbers),) = push["parameters"].items()
-    assert link in ("port_wrist", "port_flange", "port_forearm", "port_palm")
+    assert link == "port_palm"
     assert 5.2 < numbers["start"]["value"] < 6.5 < numbers["end"]["value"] < 7.8
     mean = np.array([numbers[axis]["value"] for axis in ("fx", "fy", "fz")])
     assert float(mean @ PUSH) > 0.95 * float(np.linalg.norm(mean) * np.linalg.norm(PUSH))
     lasted = numbers["end"]["value"] - numbers["start"]["value"]
-    impulse = 1.2 * float(np.linalg.norm(PUSH)) * 2.0 / np.pi  # felt seven centimetres short of the palm
-    assert float(np.linalg.norm(mean)) * lasted == pytest.approx(1.2 * impulse, rel=0.25)
+    impulse = float(np.linalg.norm(PUSH)) * 2.0 / np.pi
+    assert float(np.linalg.norm(mean)) * lasted == pytest.approx(
+        1.2 * impulse, rel=0.1
+    )  # hats overlap its ends
     assert [cause["effect"] for cause in found["causes"]] == ["external_contact"]

@@ -35,6 +35,9 @@ NEIGHBOURS = 0.9
 """Part of the changes of a torque that lead to the next level, where few levels are to be a grid: a torque that is
 switched jumps over some."""
 
+RETURNS, RETURNING = 3, 0.3
+"""Times that a reading on a grid returns, and least part of a log that such readings are: others were interpolated."""
+
 DITHER = 0.2
 """Standard deviation of a sensor's own noise over the step of its grid."""
 
@@ -81,13 +84,22 @@ def torque_steps_of(recordings: Sequence[Mapping[str, Array]], joints: Sequence[
         recordings: Joint -> (N,) measured torque of each [N.m or N].
         joints: Whose steps are looked for.
     """
-    steps = steps_of(recordings, joints)
+    usual = [{joint: _usual_values(torque) for joint, torque in one.items()} for one in recordings]
+    steps = steps_of(usual, joints)
     for i in np.flatnonzero(steps == 0.0).tolist():
-        found = [
-            _step_of_few_levels(recording[joints[i]]) for recording in recordings if joints[i] in recording
-        ]
+        found = [_step_of_few_levels(one[joints[i]]) for one in usual if joints[i] in one]
         steps[i] = min((step for step in found if step > 0.0), default=0.0)
     return steps
+
+
+def _usual_values(torque: Array) -> Array:
+    """Leaves the readings (N,) whose values return, where these are not few: others lie between two levels of a grid.
+
+    Who interpolates a log between its stamps writes such values.
+    """
+    _, which, counts = np.unique(np.round(torque / FILE_ROUNDING), return_inverse=True, return_counts=True)
+    returning = counts[which] >= RETURNS
+    return torque[returning] if float(np.mean(returning)) >= RETURNING else torque
 
 
 def _step_of_few_levels(torque: Array) -> float:

@@ -194,16 +194,18 @@ def _tested(
     prepared: Sequence[Prepared],
     heldout: Sequence[int],
 ) -> ModelFit:
-    """Fits the causes that pass all three tests of significance; each test judges the model as it was before."""
+    """Fits the causes that pass all three tests of significance, again without the others until all of them do."""
     model_fit = selector.model_fit(causes)
-    for kept in (
-        above_negligible(model_fit, plain, negligible(prepared, selector.design.groups)),
-        significant_terms(model_fit, selector.refiner),
-        validated_on_holdout(model_fit, selector.model_fit, heldout),
-    ):
-        model = [term for term in model_fit.model if term in kept]
-        model_fit = model_fit if len(model) == len(model_fit.model) else selector.model_fit(model)
-    return model_fit
+    while True:
+        tests = (
+            above_negligible(model_fit, plain, negligible(prepared, selector.design.groups)),
+            significant_terms(model_fit, selector.refiner),
+            validated_on_holdout(model_fit, selector.model_fit, heldout),
+        )
+        model = [term for term in model_fit.model if all(term in kept for kept in tests)]
+        if len(model) == len(model_fit.model):
+            return model_fit
+        model_fit = selector.model_fit(model)
 
 
 def significant_terms(model_fit: ModelFit, refiner: ShapeRefiner) -> list[ModelTerm]:

@@ -65,6 +65,10 @@ SPACING = 0.25
 """Between the tips of two hat functions [s]."""
 
 
+APART = 0.02
+"""Distance of two places beyond which a force on one differs from the same force on the other [m]."""
+
+
 @dataclass(frozen=True, eq=False)
 class ExternalPush:
     """One push.
@@ -109,10 +113,26 @@ def find_pushes(
             left = [x / _quiet_rms(x) for x in left]
         if _not_significant(model_fit, item, r, left, groups):
             continue
-        best = [fit_forces(model_fit, item, r, left, body.link) for body in item.tree.bodies]
+        best = [fit_forces(model_fit, item, r, left, link) for link in touched_links(item)]
         found[r] = max(best, key=lambda forces: forces.gain)
         out += _intervals(model_fit, item, r, left, found[r])
     return tuple(push for push in out if not _in_a_repeat(push, prepared, found))
+
+
+def touched_links(item: Prepared) -> tuple[str, ...]:
+    """Links at whose origin a force is tried: the moving ones, and those that are fixed to them some way off.
+
+    A force on a hand turns the joints of its wrist, which the same force at the last link's origin would not.
+    """
+    model, posture = item.signals.model, item.signals.position[:1]
+    links = [body.link for body in item.tree.bodies]
+    places = [model.place(link, posture)[0] for link in links]
+    for link in model.bodies:
+        place = model.place(link, posture)[0]
+        if link not in links and min(np.linalg.norm(place - other) for other in places) > APART:
+            links.append(link)
+            places.append(place)
+    return tuple(links)
 
 
 def rows_without_pushes(pushes: Sequence[ExternalPush], prepared: Sequence[Prepared]) -> dict[int, Mask]:

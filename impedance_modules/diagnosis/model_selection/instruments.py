@@ -26,7 +26,7 @@ CONFIRMED_MIN = 0.5
 """Least part of its coefficient that an instrument confirms: more than half belongs to the motion."""
 
 RESOLVED = 3.5
-"""Standard deviations by which the slow part must differ from what the whole says."""
+"""Standard deviations by which an instrument must differ from what the whole says."""
 
 SLOW = 0.5
 """End of the slow part, over the band's."""
@@ -38,16 +38,15 @@ Parts = dict[int, tuple[Array, Array]]
 def comes_back(trial: CandidateTrial, pairs: Sequence[tuple[int, int]]) -> bool:
     """Whether what a candidate explains in one recording, it explains in a repeat of it, or need not.
 
-    It need not where none was repeated, or where the command makes it.
+    It need not where none was repeated. A command is known exactly as it was sent: its noise is a part of what a cause
+    makes of it, and no repeat has the same. So only what both commands share must come back, where that tells.
 
     Args:
         trial: The candidate.
         pairs: Recordings that repeat each other.
     """
     candidate = trial.term.candidate
-    if candidate.effect.computed_from_command(candidate.port):
-        return True  # the command is known exactly as it was sent, its noise included
-    across, within = 0.0, 0.0
+    across, within, common, power = 0.0, 0.0, 0.0, 0.0
     for pair in pairs:
         one, other = (beyond_model(trial, recording) for recording in pair)
         for group in one.keys() & other.keys():
@@ -56,7 +55,13 @@ def comes_back(trial: CandidateTrial, pairs: Sequence[tuple[int, int]]) -> bool:
             weight = trial.model_fit.weights[group]
             across += weight * float(x_i @ y_j + x_j @ y_i)
             within += weight * float(x_i @ y_i + x_j @ y_j)
-    return bool(within <= 0.0 or across >= CONFIRMED_MIN * within)
+            common += weight * float(2.0 * x_i @ x_j)
+            power += weight * float(x_i @ x_i + x_j @ x_j)
+    if within <= 0.0:
+        return True
+    if candidate.effect.computed_from_command(candidate.port):
+        return bool(common <= 0.0) or _confirmed(across / common, float(np.sqrt(power)) / common)
+    return bool(across >= CONFIRMED_MIN * within)
 
 
 def holds_when_slow(trial: CandidateTrial, end: float) -> bool:
@@ -76,7 +81,11 @@ def holds_when_slow(trial: CandidateTrial, end: float) -> bool:
     if not np.all(power > 0.0) or whole <= 0.0:
         return True
     # In units of the whole's coefficient.
-    found, spread = slow / power[1] * power[0] / whole, power[0] / whole / np.sqrt(power[1])
+    return _confirmed(slow / power[1] * power[0] / whole, power[0] / whole / np.sqrt(power[1]))
+
+
+def _confirmed(found: float, spread: float) -> bool:
+    """Whether an instrument's coefficient, in units of the whole's, is about one, or too uncertain to deny it."""
     return bool(found >= CONFIRMED_MIN or 1.0 - found <= RESOLVED * spread)
 
 

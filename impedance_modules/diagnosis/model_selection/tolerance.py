@@ -24,6 +24,8 @@ from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.regression.candidates import Group
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.diagnosis.result import Cause, Diagnosis, Remainder, Rollout
+from impedance_modules.effects.external_contact import ExternalContact
+from impedance_modules.effects.residual_kinds import uses_motion
 
 CHANGED = 1.21
 """Power of the simulated motion's error without a cause over that with it, from which the cause changes the motion."""
@@ -106,8 +108,21 @@ def is_small(cause: Cause, evidence: Evidence, limits: Array) -> bool:
             power = np.mean(np.concatenate([torque[group] for torque in torques]) ** 2)
             if not np.sqrt(power) <= limits[group]:
                 return False
-    # A push is no term of the fit: it is never small.
-    return bool(terms)
+    return bool(terms) or (cause.effect == ExternalContact.description.id and _small_pushes(evidence, limits))
+
+
+def _small_pushes(evidence: Evidence, limits: Array) -> bool:
+    """Whether the torque J^T f of every push, rms while it lasts, is within the limits (groups,) at each joint."""
+    seen = [(g, joint) for g, (residual, joint) in enumerate(evidence.design.groups) if uses_motion(residual)]
+    for push in evidence.pushes:
+        item = evidence.prepared[push.recording]
+        signals, time = item.signals, item.signals.time - item.log.start
+        inside = (time >= push.start) & (time <= push.end)
+        jacobian = signals.model.jacobian(push.body, signals.position[inside])[:, :3]
+        torque = np.sqrt(np.mean(np.einsum("mij,i->mj", jacobian, push.force) ** 2, axis=0))
+        if any(torque[joint] > limits[g] for g, joint in seen):
+            return False
+    return bool(evidence.pushes)
 
 
 def stays_near(rollout: Rollout) -> bool:

@@ -17,11 +17,13 @@ from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.regression.candidates import CandidateRegressor, Group
 from impedance_modules.diagnosis.regression.nuisance_columns import NuisanceColumns
 from impedance_modules.diagnosis.regression.sensor_noise import (
-    SENSOR_MIN,
+    LEAST,
     Rounding,
     acceleration_noise,
+    louder_sensors,
     made_by_positions,
-    noise_ratios,
+    noise_shares,
+    position_powers,
     unseen_rounding,
 )
 from impedance_modules.diagnosis.regression.whitening import ORDER, SHORT, Whitening, spectrum, whitening_of
@@ -37,9 +39,6 @@ USED_MAX = 0.5
 
 RIDGE_FACTOR = 2.0
 """Factor by which the ridge grows until that holds."""
-
-LEAST = 1e-24
-"""Power that stands for none at all."""
 
 LEFT_MIN = 0.1
 """Least part of all samples, and of the power at one frequency, that is taken to be left of a flexible model."""
@@ -113,10 +112,11 @@ def noise_by_repeats(
         ]
         for g, parts in enumerate(unseen)
     ]
-    moved = moved + np.mean([0.0 * moved if x is None else x.power for x in rounding], axis=0)
     power = [float(np.mean(np.concatenate(x) ** 2)) for x in noise]
     assumed = [float(np.mean(np.concatenate(x) ** 2)) for x in unseen]
-    share = noise_ratios(nuisance.groups, prepared, pairs, power, moved)
+    own = position_powers([made_by_positions(item, r) for r, item in enumerate(prepared)], nuisance.groups)
+    mean = np.mean([own[r] for pair in pairs for r in pair], axis=0)
+    share = noise_shares(np.array(power), mean, own, louder_sensors(nuisance.groups, prepared, pairs))
     return whitening_of(
         noise,
         share,
@@ -161,7 +161,7 @@ def noise_by_smoothness(
         pieces, used = one.robust if disturbed else one.ordinary
         noise.append(_not_below(pieces, used, [everywhere[r].of(group)[mask] for r, mask in rows.items()]))
         lost.append(used)
-    own = _position_powers(everywhere, nuisance.groups)
+    own = position_powers(everywhere, nuisance.groups)
     share = _noise_shares(noise, np.array(lost), own, [list(rows) for rows in shown])
     return whitening_of(
         noise, share, edge=_edge(prepared), lost=np.array(lost), assumed=np.ones(len(lost)), weak=True
@@ -273,19 +273,10 @@ def _not_below(pieces: Sequence[Array], used: float, made: Sequence[Array]) -> l
     return [piece + share * more for piece, more in zip(pieces, made, strict=True)]
 
 
-def _position_powers(made: Sequence[Rounding], groups: Sequence[Group]) -> Array:
-    """Mean squares of what the positions' noise makes of each recording's residuals, (recordings, groups)."""
-    return np.array([[float(np.mean(one.of(group) ** 2)) for group in groups] for one in made])
-
-
 def _noise_shares(
     noise: Sequence[Sequence[Array]], lost: Array, own: Array, recordings: Sequence[Sequence[int]]
 ) -> Array:
-    r"""Says how much stronger the noise is in each recording than on the mean of the fitted ones, (recordings, groups).
-
-    M(q) of an outstretched arm makes more torque of the same noise of positions. The rest of the noise is alike:
-
-        k_r^2 = (s + p_r) / (s + \bar{p}),      p the positions' part, s the rest
+    """As `noise_shares`, of a floor without repeats.
 
     Args:
         noise: Group -> pieces of noise, one for each of its recordings.
@@ -302,9 +293,7 @@ def _noise_shares(
     )
     count = np.array([float(sizes.sum()) for sizes in lengths])
     seen = np.array([sum(float(piece @ piece) for piece in pieces) for pieces in noise]) / count
-    seen = seen * count / np.maximum(count - lost, LEFT_MIN * count)
-    rest = np.maximum(seen - mean, SENSOR_MIN * seen) + LEAST
-    return np.asarray(np.sqrt((rest + own) / (rest + mean)))
+    return noise_shares(seen * count / np.maximum(count - lost, LEFT_MIN * count), mean, own)
 
 
 def _left_by(  # noqa: PLR0917 - all of them belong together

@@ -13,12 +13,13 @@ encoder sits at the rotor, the link's is \delta a - c M(q) \delta a''.
 
 The noise of a residual changes with the motion: an outstretched arm has more inertia, a heavy load shakes it.
 
-    var(e - ID) = k^2 \sigma_e^2 + S,   S = \sum_j M_ij(q)^2 \sigma_{a,j}^2
+    var(e - ID) = k^2 \sigma_e^2 + S,   S of M(q) \delta a
 
-The repeats show the whole and the accelerations' noise \sigma_a at their own poses and speeds, hence \sigma_e; at
-other poses S is recomputed, at other speeds what the grid makes of \sigma_a, and of the velocities' noise. k is how
-much noisier a recording's torque sensors are, by their spectrum beyond the motion: many sensors' noise grows with the
-load.
+The floor shows the whole at its own recordings' poses and speeds; S is what the noise of positions makes at each
+recording's, by their spectrum beyond the motion, or by their grid; the rest is the sensors' \sigma_e. (Repeats would
+show S too if their motions were the same. They are not: arms answer noise and stamps by accelerations that are real,
+and ten times those that positions' noise pretends.) k is how much noisier a recording's torque sensors are, by their
+spectrum beyond the motion: many sensors' noise grows with the load.
 """
 
 from __future__ import annotations
@@ -45,8 +46,8 @@ SENSOR_MIN = 0.05
 SENSOR_NOISE_RATIO = (1.3, 16.0)
 """Power of a recording's sensor noise over that of the repeats: less is chance, and more would be no noise."""
 
-FEW = 8
-"""Every which sample is enough to know a mean of the mass matrix."""
+LEAST = 1e-24
+"""Power that stands for none at all."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,50 +155,37 @@ def _motion(item: Prepared, errors: Array) -> tuple[Array, Array, Array]:
     return item.band.condense(v), item.band.condense(a), item.band.condense(snap)
 
 
-def noise_ratios(
-    groups: Sequence[Group],
-    prepared: Sequence[Prepared],
-    pairs: Sequence[tuple[int, int]],
-    power: Sequence[float],
-    noise: Array,
-) -> Array:
-    """Says how much stronger the noise is in each recording than in the repeats, (recordings, groups).
+def position_powers(made: Sequence[Rounding], groups: Sequence[Group]) -> Array:
+    """Mean squares of what the positions' noise makes of each recording's residuals, (recordings, groups)."""
+    return np.array([[float(np.mean(one.of(group) ** 2)) for group in groups] for one in made])
+
+
+def noise_shares(power: Array, mean: Array, own: Array, louder: Array | float = 1.0) -> Array:
+    r"""Says how much stronger the noise is in each recording than in the floor's own, (recordings, groups).
+
+    M(q) of an outstretched arm makes more torque of the same noise of positions. The rest of the noise is alike, but
+    for sensors that are noisier in one recording:
+
+        k_r^2 = (c_r s + p_r) / (s + \bar{p}),      p the positions' part, s the rest
 
     Args:
-        groups: The groups.
-        prepared: The recordings.
-        pairs: Repeats.
-        power: (groups,) of the noise that they show.
-        noise: (n,) power of the accelerations' noise.
+        power: (groups,) of the floor's noise.
+        mean: (groups,) of the positions' part in the floor's recordings.
+        own: (recordings, groups) of the positions' part.
+        louder: (recordings, groups) power of the rest over that in the floor's recordings.
     """
-    repeated = [i for pair in pairs for i in pair]
-    levers = [_mean_square_mass(item) for item in prepared]
-    louder = _sensor_noise_ratio(prepared, pairs)
-    speeds, accelerations = _grid_powers(prepared)
-    usual = np.mean(accelerations[repeated], axis=0)
-    measured = np.mean([levers[i] for i in repeated], axis=0) @ noise
-    out = np.ones((len(prepared), len(groups)))
-    for recording, lever in enumerate(levers):
-        moved = lever @ (noise + np.maximum(accelerations[recording] - usual, -noise))
-        for index, (residual, joint) in enumerate(groups):
-            before, now = measured[joint], moved[joint]
-            if residual == "velocity":
-                before, now = np.mean(speeds[repeated, joint]), speeds[recording, joint]
-            elif not uses_motion(residual):
-                before = now = 0.0
-            factor = louder[recording, joint] if EFFORT_SIGN[residual] != 0.0 else 1.0
-            sensor = max(power[index] - before, SENSOR_MIN * power[index], 1e-24)
-            out[recording, index] = np.sqrt((factor * sensor + now) / (sensor + before))
-    return out
+    rest = np.maximum(power - mean, SENSOR_MIN * power) + LEAST
+    return np.asarray(np.sqrt((louder * rest + own) / (rest + mean)))
 
 
-def _grid_powers(prepared: Sequence[Prepared]) -> tuple[Array, Array]:
-    """Power of velocities' [rad^2/s^2] and accelerations' [rad^2/s^4] errors by the grids, (recordings, n) each."""
-    made = [_grid_motion(item)[:2] for item in prepared]
-    speeds, accelerations = (
-        np.array([np.mean(errors**2, axis=0) for errors in part]) for part in zip(*made, strict=True)
+def louder_sensors(
+    groups: Sequence[Group], prepared: Sequence[Prepared], pairs: Sequence[tuple[int, int]]
+) -> Array:
+    """Power of the torque sensors' noise over that in the repeats, (recordings, groups); one without a sensor."""
+    ratio = _sensor_noise_ratio(prepared, pairs)
+    return np.array(
+        [[row[joint] if EFFORT_SIGN[residual] else 1.0 for residual, joint in groups] for row in ratio]
     )
-    return speeds, accelerations
 
 
 def acceleration_noise(one: Prepared, other: Prepared) -> Array:
@@ -231,8 +219,3 @@ def _sensor_noise_ratio(prepared: Sequence[Prepared], pairs: Sequence[tuple[int,
     repeated = np.mean([power[i] for pair in pairs for i in pair], axis=0)
     ratio = power / np.maximum(repeated, 1e-300)
     return np.where(ratio > SENSOR_NOISE_RATIO[0], np.minimum(ratio, SENSOR_NOISE_RATIO[1]), 1.0)
-
-
-def _mean_square_mass(item: Prepared) -> Array:
-    """Mean squares of the mass matrix over a recording, (n, n)."""
-    return np.asarray(np.mean(mass_matrix(item.tree, item.position[::FEW]) ** 2, axis=0))
