@@ -189,7 +189,24 @@ def test_small_remainders_of_velocities_alone_change_no_simulated_motion(
     far = replace(found.rollout, position={"hinge": RolloutError(0.2, 0.2, 0.02, "rad")})
     remainder = replace(found.remainder, residuals=frozenset(residuals))
     found = replace(found, rollout=far, remainder=remainder)
-    assert set_small_aside(found, evidence(0.0, left), 0.01).verdict == verdict
+    seen = evidence(0.0, left)
+    seen.design.groups = (("velocity", 0),)
+    seen.prepared = (recording(2.0, 2.0), recording(2.0, RANGE))
+    assert set_small_aside(found, seen, 0.01).verdict == verdict
+
+
+def test_what_passes_as_noise_does_not_make_a_remainder_large() -> None:
+    """A joint with hardly any torque, whose noise is a little more than its floor's, beside reported velocities."""
+    found = diagnosis(verdict="unexplained", explained=False)
+    found = replace(found, remainder=replace(found.remainder, residuals=frozenset({"velocity"})))
+    seen = evidence(0.0, 0.0)
+    seen.design.groups = (("link", 0), ("velocity", 0))
+    seen.prepared = (recording(2.0, RANGE),)
+    seen.floor.rms = np.array([[1.0, 1.0]])
+    seen.rms = lambda *_: np.array([1.1, 0.9])
+    assert set_small_aside(found, seen, 0.01).verdict == "no_gap"
+    found = replace(found, remainder=replace(found.remainder, residuals=frozenset({"velocity", "link"})))
+    assert set_small_aside(found, seen, 0.01).verdict == "unexplained"
 
 
 def test_ranges_are_over_all_recordings_and_of_the_residual_s_own_quantity() -> None:

@@ -54,9 +54,7 @@ def set_small_aside(found: Diagnosis, evidence: Evidence, tolerance: float) -> D
         return found
     limits = tolerance * ranges(evidence.prepared, evidence.design.groups)
     small = [cause for cause in found.causes if is_small(cause, evidence, limits)]
-    passes = found.remainder.explained or (
-        bool(np.all(beside_noise(evidence) <= limits)) and _moves_alike(found)
-    )
+    passes = found.remainder.explained or (_left_is_small(found, evidence, limits) and _moves_alike(found))
     if len(small) == len(found.causes):
         return _without_gap(found) if passes else found
     minor = tuple(cause for cause in small if cause.weight < SHARE_THAT_MATTERS)
@@ -77,6 +75,16 @@ def _without_gap(found: Diagnosis) -> Diagnosis:
 def _within(found: Diagnosis) -> Remainder:
     words = f"; within the tolerance of {100.0 * found.tolerance:.3g} % of each joint's torque range"
     return replace(found.remainder, explained=True, structure=found.remainder.structure + words)
+
+
+def _left_is_small(found: Diagnosis, evidence: Evidence, limits: Array) -> bool:
+    """Whether what remains beside noise is within the limits (groups,) in every comparison that does not pass as noise.
+
+    Where none is known, in all of them.
+    """
+    failing = found.remainder.residuals or {residual for residual, _ in evidence.design.groups}
+    judged = [residual in failing for residual, _ in evidence.design.groups]
+    return bool(np.all((beside_noise(evidence) <= limits)[judged]))
 
 
 def _moves_alike(found: Diagnosis) -> bool:
