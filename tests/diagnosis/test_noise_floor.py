@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from scipy.signal import firwin
 
 from impedance_modules.diagnosis.regression import noise_floor as judged
+from impedance_modules.diagnosis.regression import sensor_noise
 from impedance_modules.diagnosis.regression.candidates import CandidateRegressor
 from impedance_modules.diagnosis.regression.noise_floor import Left, _noise_shares, fit_robustly
 from impedance_modules.diagnosis.regression.nuisance_columns import NuisanceColumns
@@ -19,6 +20,7 @@ from impedance_modules.diagnosis.regression.sensor_noise import (
     read_noise,
 )
 from impedance_modules.diagnosis.regression.whitening import ORDER, Whitening, spectrum, whitening_of
+from impedance_modules.diagnosis.residuals.band import CommonBand
 
 GROUP = ("link", 0)
 SIZE = 0.3
@@ -178,3 +180,38 @@ def test_noise_that_rises_up_to_the_bands_filter_is_white_there_too(seed: int) -
     frequency, density = spectrum([np.asarray(floor.apply(piece, 0, 0)) for piece in noise])
     inside = density[frequency <= edge]
     assert inside.max() < 3.0 * np.mean(inside)
+
+
+def _swaying(inertia: float, sway: float, seed: int) -> SimpleNamespace:
+    """One joint of some inertia: one motion that all repeat, and a sway of its own [rad], beside noise of 1e-6 rad."""
+    random = np.random.default_rng(seed)
+    common, rate = CommonBand.of(200.0, 10.0), 200.0
+    time, band = np.arange(4000) / rate, common.at(rate)
+    q = 0.3 * np.sin(2.0 * time) + sway * np.sin(2.0 * np.pi * 5.0 * time + random.uniform(0.0, 6.0))
+    log = SimpleNamespace(
+        position=(q + 1e-6 * random.standard_normal(len(q)))[:, None], rounding=None, rate=rate,
+        samples=len(q), effort=np.full((len(q), 1), 1.0) + 0.01 * random.standard_normal((len(q), 1)), group="one",
+    )  # fmt: skip
+    signals = SimpleNamespace(
+        n=1,
+        acceleration=np.gradient(np.gradient(q, time), time)[:, None],
+        reflected_inertia=np.zeros(1),
+        measures_springs=True,
+        encoder_at_motor=np.zeros(1),
+    )
+    position = band.condense(np.full((len(q), 1), inertia))
+    return SimpleNamespace(
+        log=log, signals=signals, band=band, tree=None, position=position, samples=len(position)
+    )
+
+
+@pytest.mark.parametrize("sway", [0.0, 0.02])
+def test_repeats_that_sway_by_themselves_do_not_lower_the_floor_elsewhere(monkeypatch, sway: float) -> None:
+    """A sensor's noise is alike at all poses. What the arm truly did is in the model's torque, and no noise."""
+    monkeypatch.setattr(sensor_noise, "mass_matrix", lambda _, q: q[:, :, None])
+    items = [_swaying(1.0, sway, 1), _swaying(1.0, sway, 2), _swaying(0.2, sway, 3)]
+    random = np.random.default_rng(4)
+    left = [[0.01 * random.standard_normal(item.samples)] for item in items]
+    nuisance = SimpleNamespace(groups=(GROUP,))
+    floor = judged.noise_by_repeats(left, items, nuisance, [(1, 0)])
+    assert floor.rms[:, 0] == pytest.approx(0.01, rel=0.15)
