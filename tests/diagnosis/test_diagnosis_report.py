@@ -142,6 +142,13 @@ def test_a_report_has_the_likeliest_cause_first(written: tuple[Path, str]) -> No
     assert page.index("second") < page.index("first") < page.index("third")
 
 
+def test_other_places_of_the_same_effect_are_said(written: tuple[Path, str]) -> None:
+    (cause, *_) = json.loads((written[0] / "a.json").read_text())["causes"]
+    page = cause_sections([cause | {"place": "drive", "other_places": ["torque_sensor"]}], 0.0)
+    assert "cannot tell whether it is at drive or torque sensor" in page
+    assert "cannot tell whether" not in cause_sections([cause | {"other_places": []}], 0.0)
+
+
 RAW = re.compile(r"[{}]|\['|: None|\bNone\b|\bnan\b|array\(|\w+\(\w+=|\"\w+\":")
 """What a data structure of a program looks like: braces, lists of quoted words, Python's words, JSON's keys."""
 

@@ -236,3 +236,11 @@ def test_what_is_small_is_printed_in_the_json_and_in_no_patch(capsys: pytest.Cap
         and "1 %" in section
     )
     assert small_section([], 0.01) == ""
+
+
+def test_other_places_of_a_cause_are_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    one = replace(cause(1.3), effect="torque_gain", port="actuator", elsewhere=("sensor",))
+    print_diagnosis(diagnosis(one), Terminal())
+    assert "as well at: torque sensor" in capsys.readouterr().out
+    (made,) = diagnosis_object(diagnosis(one))["causes"]
+    assert (made["place"], made["other_places"]) == ("drive", ["torque_sensor"])
