@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from impedance_modules.diagnosis.result import Cause, Diagnosis, JointGap, Rollout
+    from impedance_modules.diagnosis.result import Cause, Diagnosis, JointGap
 
 PATH = click.Path(path_type=Path)
 
@@ -271,23 +271,29 @@ def _print_rollouts(found: Diagnosis, console: Console) -> None:
     """Prints how far the simulation departs from the recordings, or why it was not run."""
     rollout = found.rollout
     if rollout.windows:
-        console.print(_rollouts(rollout))
+        console.print(_rollouts(found))
     for item in rollout.left_out:
         console.print(f"not simulated: {item.what}: {item.why}")
 
 
-def _rollouts(rollout: Rollout) -> Table:
+def _rollouts(found: Diagnosis) -> Table:
     from rich.table import Table
 
+    rollout = found.rollout
     title = f"simulated again, {rollout.windows} x {rollout.window:g} s: rms error of position"
     table = Table(title=title)
     for name in ("joint", "before", "after", "noise", "unit", "shrink"):
         table.add_column(name, justify="left" if name in ("joint", "unit") else "right")
     for joint, drift in rollout.position.items():
-        shrink = "" if drift.shrink is None else f"{100 * drift.shrink:.0f} %"
+        shrink = _percent(drift.shrink, found)
         numbers = (f"{x:.3g}" for x in (drift.before, drift.after, drift.noise_floor))
         table.add_row(joint, *numbers, drift.unit, shrink)
     return table
+
+
+def _percent(shrink: float | None, found: Diagnosis) -> str:
+    """A shrink in words; none without a gap, since of noise no part can be explained."""
+    return "" if shrink is None or found.verdict == "no_gap" else f"{100 * shrink:.0f} %"
 
 
 def _quiet(gap: JointGap) -> bool:
@@ -304,7 +310,7 @@ def _gaps(found: Diagnosis) -> Table:
     for gap in found.gaps:
         if _quiet(gap):
             continue
-        shrink = "" if gap.shrink is None else f"{100 * gap.shrink:.0f} %"
+        shrink = _percent(gap.shrink, found)
         numbers = (f"{x:.3g}" for x in (gap.before, gap.after, gap.noise_floor))
         table.add_row(gap.joint, gap.residual, *numbers, gap.unit, shrink)
     return table

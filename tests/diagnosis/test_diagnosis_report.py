@@ -159,6 +159,13 @@ def test_no_raw_data_structure_is_in_a_page(written: tuple[Path, str], calm: tup
         assert RAW.search(words) is None, RAW.findall(words)
 
 
+def test_where_nothing_is_wrong_no_shrink_is_printed(
+    written: tuple[Path, str], calm: tuple[Path, str]
+) -> None:
+    shrink = re.compile(r"-?\d+ % *│")
+    assert shrink.search(written[1]) and not shrink.search(calm[1])
+
+
 def test_a_page_without_a_gap_says_so_calmly(calm: tuple[Path, str]) -> None:
     page = Page((calm[0] / "a.html").read_text())
     assert page.open == []
