@@ -37,12 +37,12 @@ def test_a_change_that_names_no_single_number_is_refused(word: str) -> None:
 
 
 def test_a_changed_number_reaches_the_modules_that_took_it() -> None:
-    """`PASSBAND` is read where it stands; `SENSOR_MIN` of `sensor_noise` was taken by `noise_floor`."""
-    words = ["time_base.PASSBAND=0.3", "sensor_noise.SENSOR_MIN=0.2"]
+    """`PASSBAND` is read where it stands; `LEAST` of `sensor_noise` was taken by `noise_floor`."""
+    words = ["time_base.PASSBAND=0.3", "sensor_noise.LEAST=0.2"]
     program = (
         "from benchmarks.wide.thresholds import change; import impedance_modules.diagnosis.regression.noise_floor as f;"
         f"change({words!r}); import impedance_modules.diagnosis.data.time_base as t;"
-        "print(t.PASSBAND, f.SENSOR_MIN)"
+        "print(t.PASSBAND, f.LEAST)"
     )
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, cwd=ROOT, check=True
