@@ -163,11 +163,8 @@ def _without_reversals(
     again = masked.run(progress)
     dry = {group for cause in again.causes if cause.candidate.effect.dry for group in cause.groups}
     if not {group for _, group in sliding} <= dry:
-        return (
-            selector,
-            found,
-            (),
-        )  # nothing dry is left, so dry friction is no reason to leave its reversals out
+        # Nothing dry is left, so dry friction is no reason to leave its reversals out.
+        return selector, found, ()
     return masked, again, reversal_note(sliding, prepared, design.groups)
 
 

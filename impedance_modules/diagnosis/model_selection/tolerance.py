@@ -19,6 +19,7 @@ from dataclasses import replace
 import numpy as np
 
 from impedance_modules.arrays import Array
+from impedance_modules.diagnosis.model_selection.cause_search import SIGMA
 from impedance_modules.diagnosis.model_selection.conclusion import SHARE_THAT_MATTERS, verdict_of
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.regression.candidates import Group
@@ -29,10 +30,6 @@ from impedance_modules.effects.residual_kinds import uses_motion
 
 CHANGED = 1.21
 """Power of the simulated motion's error without a cause over that with it, from which the cause changes the motion."""
-
-CHANCE = 1.96
-"""Standard errors of its logarithm within which that ratio is chance: fewer than a cause needs to be called a help, as
-what probably changes the motion is not small."""
 
 DRIFT = 1.5
 """Simulated error over its noise, beyond which what remains changes the motion."""
@@ -102,7 +99,8 @@ def beside_noise(evidence: Evidence) -> Array:
 def is_small(cause: Cause, evidence: Evidence, limits: Array) -> bool:
     """Whether a cause's torque is within the limits (groups,) at each joint, and the simulated motion needs it not."""
     shown = cause.rollout
-    if shown is not None and shown.ratio >= max(CHANGED, np.exp(CHANCE * shown.standard_error)):
+    # Fewer standard errors than a cause needs to be called a help: what probably changes the motion is not small.
+    if shown is not None and shown.ratio >= max(CHANGED, np.exp(SIGMA * shown.standard_error)):
         return False
     model_fit, recordings = evidence.model_fit, range(len(evidence.prepared))
     terms = [
