@@ -23,8 +23,8 @@ from impedance_modules.errors import RobotRefused, RobotStopped
 from impedance_modules.robot.model import Limb
 from impedance_modules.safety.stop_levels import Event
 
-ATTACH_TIME = 0.3
-"""Wait before the first command: a robot needs about 0.24 s to connect to a new publisher [s]."""
+ATTACH_TIME, ATTACH_LIMIT = 0.3, 2.0
+"""Wait before the first command [s]: a robot needs about 0.24 s to connect to a new publisher; then it is too late."""
 
 LAST_HOLD = 0.1
 """The last hold is repeated for at least this time [s]."""
@@ -73,11 +73,10 @@ class BaxterDriver:
         self._commander = Commander(self._link.transport, self._limbs)
         self._watchdog = Watchdog(self._check)
         self._watchdog.start()
-        time.sleep(ATTACH_TIME)
-        missing = self._commander.without_subscriber()
+        missing = self._commander.wait_for_subscribers()
         if missing:
             raise RobotRefused(
-                f"nobody listens to the commands of {', '.join(missing)}: the robot's software has another"
+                f"nobody listens to {', '.join(missing)}: the robot's software has another"
                 " JointCommand message, or cannot reach this machine (valid: ROS_IP=the address of this"
                 " machine in the robot's network)"
             )
@@ -214,9 +213,21 @@ class Commander:
         }
         self._rate = transport.advertise(topics.STATE_RATE_REQUEST, UInt16, latch=True)
 
-    def without_subscriber(self) -> tuple[str, ...]:
-        """Names the limbs whose commands have no subscriber."""
-        return tuple(name for name, publisher in self._commands.items() if publisher.connections() == 0)
+    def wait_for_subscribers(self) -> tuple[str, ...]:
+        """Waits until each limb's commands and time-out have a subscriber; names the topics that have none in time.
+
+        A time-out that the robot does not hear leaves it its own: 0.2 s with the last torque.
+        """
+        limit = time.monotonic() + ATTACH_LIMIT
+        time.sleep(ATTACH_TIME)
+        while (missing := self._without_subscriber()) and time.monotonic() < limit:
+            time.sleep(CHECK_PERIOD)
+        return missing
+
+    def _without_subscriber(self) -> tuple[str, ...]:
+        listening = {topics.joint_command(name): of.connections() for name, of in self._commands.items()}
+        listening |= {topics.command_timeout(name): of.connections() for name, of in self._timeouts.items()}
+        return tuple(topic for topic, count in listening.items() if count == 0)
 
     def send(self, outgoing: Outgoing) -> None:
         """Sends a command to each of its limbs."""

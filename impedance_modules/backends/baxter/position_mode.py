@@ -31,9 +31,6 @@ from impedance_modules.spec.task_reader import read_task
 if TYPE_CHECKING:
     from impedance_modules.backends.baxter.session import Session
 
-ATTACH_TIME = 0.3
-"""A robot needs about 0.24 s to subscribe to a new publisher [s]."""
-
 PARTING = 10
 """How often the last hold is repeated, at 100 Hz."""
 
@@ -224,12 +221,9 @@ class PostureMover:
             RobotCallbacks(self._on_state, self._on_robot, self._on_collision, self._on_cuff)
         )
         try:
-            time.sleep(ATTACH_TIME)
-            missing = commander.without_subscriber()
+            missing = commander.wait_for_subscribers()
             if missing:
-                raise RobotRefused(
-                    f"nobody listens to the commands of {', '.join(missing)} (valid: 'baxter check')"
-                )
+                raise RobotRefused(f"nobody listens to {', '.join(missing)} (valid: 'baxter check')")
 
             def step(position: Array) -> None:
                 if self._tucked and time.monotonic() - self._suppressed_at > SUPPRESS_PERIOD:
