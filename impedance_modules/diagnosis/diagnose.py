@@ -26,14 +26,23 @@ from impedance_modules.diagnosis.data.log import DataReport
 from impedance_modules.diagnosis.data.motor_torques import with_motor_torques
 from impedance_modules.diagnosis.data.nominal_model import NominalModel, with_known_effects
 from impedance_modules.diagnosis.data.rigid_dynamics import BatchedRigidModel
-from impedance_modules.diagnosis.model_selection.cause_search import Progress, search_causes
+from impedance_modules.diagnosis.model_selection.cause_search import CandidateKey, Progress, search_causes
 from impedance_modules.diagnosis.model_selection.conclusion import (
+    SHARE_THAT_MATTERS,
     causes_of_model,
     compensation_note,
     conclude,
 )
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
-from impedance_modules.diagnosis.model_selection.naming import without_negligible, without_rejected
+from impedance_modules.diagnosis.model_selection.external_pushes import push_notes
+from impedance_modules.diagnosis.model_selection.naming import (
+    Refusal,
+    rejected_by_motion,
+    terms_of,
+    unlikely,
+    without_causes,
+    without_negligible,
+)
 from impedance_modules.diagnosis.model_selection.object_search import with_held_object
 from impedance_modules.diagnosis.model_selection.probability import with_probabilities
 from impedance_modules.diagnosis.model_selection.surface_search import with_surfaces
@@ -46,9 +55,17 @@ from impedance_modules.diagnosis.residuals.contact_mask import (
 )
 from impedance_modules.diagnosis.residuals.gap_mask import gap_note
 from impedance_modules.diagnosis.residuals.preparation import Prepared, prepare
-from impedance_modules.diagnosis.result import DEFAULT_TOLERANCE, Diagnosis, LeftOut, Remainder, no_rollout
+from impedance_modules.diagnosis.result import (
+    DEFAULT_TOLERANCE,
+    Cause,
+    Diagnosis,
+    LeftOut,
+    Remainder,
+    no_rollout,
+)
 from impedance_modules.diagnosis.rollout.rollout_stage import with_rollouts
 from impedance_modules.effects.catalogue import not_searched
+from impedance_modules.effects.external_contact import ExternalContact
 from impedance_modules.episode.data import Episode
 from impedance_modules.spec.patch_file import EffectSpec
 from impedance_modules.worker_processes import OrderedMap, map_here
@@ -56,6 +73,8 @@ from impedance_modules.worker_processes import OrderedMap, map_here
 ROWS_MIN = 12
 """Fewest samples in the band that a recording must give."""
 
+REFUSED_MAX = 3
+"""Candidates without which the causes are searched again, at most: each time takes as long as the first."""
 
 USUAL_SHARES: Mapping[str, float] = {
     "admitting the recordings": 0.0,
@@ -114,25 +133,84 @@ def diagnose(
     prepared = tuple(each(work, split.logs))
     split, prepared = _long_enough(split, prepared)
     whole, prepared = prepared, without_links_in_contact(prepared, split.fitted)
-    progress("evaluating candidates")
-    left_out = {*without, *not_searched(under_water=under_water)}
-    evidence = search_causes(prepared, split, model, left_out, progress, each)
-    evidence, small = without_negligible(evidence)
-    left_out_rows = (*contact_note(prepared, split.fitted), *gap_note(prepared), *evidence.notes)
-    notes = (*split.warnings, *left_out_rows, *small)
+    search = CauseSearch(
+        prepared, split, model, {*without, *not_searched(under_water=under_water)}, progress, each
+    )
+    said = (*split.warnings, *contact_note(prepared, split.fitted), *gap_note(prepared))
     while True:
-        found = _concluded(evidence, model, report, notes, progress)
+        found = _concluded(search.evidence, model, report, (*said, *search.notes), progress)
         progress("simulating the held-out recordings")
-        found = with_rollouts(found, evidence, model, urdf, known_effects, each)
-        evidence, worse = without_rejected(evidence, found.causes)
-        if not worse:
-            found = set_small_aside(found, evidence, tolerance)
-            progress("comparing contact with the task's surfaces")
-            found = with_surfaces(found, whole, evidence, known_effects, without, tolerance)
-            progress("comparing what the hands hold with the task's object")
-            found = with_held_object(found, whole, evidence, known_effects, without, tolerance)
-            return with_probabilities(found, repeats=not evidence.floor.weak)
-        notes = (*notes, *worse)
+        found = with_rollouts(found, search.evidence, model, urdf, known_effects, each)
+        rejected = rejected_by_motion(found.causes)
+        if rejected:
+            search.replace(rejected, found.causes)
+            continue
+        found = set_small_aside(found, search.evidence, tolerance)
+        doubtful = unlikely(found, repeats=not search.evidence.floor.weak)
+        if not doubtful:
+            break
+        search.leave_out(doubtful)
+    evidence = search.evidence
+    progress("comparing contact with the task's surfaces")
+    found = with_surfaces(found, whole, evidence, known_effects, without, tolerance)
+    progress("comparing what the hands hold with the task's object")
+    found = with_held_object(found, whole, evidence, known_effects, without, tolerance)
+    return with_probabilities(found, repeats=not evidence.floor.weak)
+
+
+class CauseSearch:
+    """The causes of the residuals, searched again without those that were refused if they carried the gap.
+
+    Attributes:
+        evidence: With the causes that stand.
+        notes: What was left out of rows and names, in words.
+    """
+
+    def __init__(
+        self,
+        prepared: tuple[Prepared, ...],
+        split: DataSplit,
+        model: NominalModel,
+        without: set[str],
+        progress: Progress,
+        each: OrderedMap,
+    ) -> None:
+        """Searches; the arguments are those of `search_causes`."""
+        self._search = partial(search_causes, prepared, split, model, progress=progress, each=each)
+        self._prepared, self._without, self._progress = prepared, without, progress
+        self._refused: set[CandidateKey] = set()
+        self._refusals: tuple[str, ...] = ()
+        self.evidence, self.notes = self._found()
+
+    def replace(self, refusals: Sequence[Refusal], causes: Sequence[Cause]) -> None:
+        """Does without some of the causes; where they carried what is explained, others may take their place."""
+        explained, theirs = (
+            sum(cause.weight for cause in part) for part in (causes, [refusal.cause for refusal in refusals])
+        )
+        if theirs < SHARE_THAT_MATTERS * explained or len(self._refused) >= REFUSED_MAX:
+            self.leave_out(refusals)
+            return
+        self._refusals = (*self._refusals, *(refusal.words for refusal in refusals))
+        self._refused.update(term.key for term in terms_of(self.evidence, refusals))
+        self.evidence, self.notes = self._found()
+
+    def leave_out(self, refusals: Sequence[Refusal]) -> None:
+        """Does without causes; rows of a push that was none count again."""
+        words = tuple(refusal.words for refusal in refusals)
+        if any(refusal.cause.effect == ExternalContact.description.id for refusal in refusals):
+            self._without.add(ExternalContact.description.id)
+            self._refusals = (*self._refusals, *words)
+            self.evidence, self.notes = self._found()
+            return
+        self.evidence, uncertain = without_causes(self.evidence, refusals)
+        self.notes = (*self.notes, *words, *uncertain)
+
+    def _found(self) -> tuple[Evidence, tuple[str, ...]]:
+        self._progress("evaluating candidates")
+        evidence = self._search(without=self._without, refused=self._refused)
+        evidence, small = without_negligible(evidence)
+        pushed = push_notes(evidence.pushes, self._prepared)
+        return evidence, (*pushed, *evidence.notes, *self._refusals, *small)
 
 
 def _concluded(

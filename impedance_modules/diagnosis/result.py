@@ -263,14 +263,19 @@ class Remainder:
         explained: Whether it passes.
         structure: In words.
         limit: Lack of fit that would pass; None where none was computed.
-        residuals: Comparisons, as in `JointGap`, in which something more than noise is left.
+        failing: Comparisons, (residual, joint) as in `JointGap`, in which something more than noise is left.
     """
 
     lack_of_fit: float
     explained: bool
     structure: str
     limit: float | None = None
-    residuals: frozenset[str] = frozenset()
+    failing: frozenset[tuple[str, str]] = frozenset()
+
+    @property
+    def of_velocities(self) -> bool:
+        """Whether only reported velocities leave something: nothing is simulated with them."""
+        return {residual for residual, _ in self.failing} == {"velocity"}
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,6 +29,12 @@ ONLY_REPORTED = (
 )
 """Why an error of a sensor is not compensated."""
 
+READING_MAX = 3.0
+"""Factor by which a sensor is believed to read too much or too little: by a wrong constant or ratio."""
+
+SHARE_MAX = 0.5
+"""Largest share of another joint's torque that is believed to be in a reading."""
+
 
 @compiled
 def constant_torque(sample: Row, shape: Vector, columns: Matrix) -> None:  # noqa: ARG001 - every law has these
@@ -129,7 +135,8 @@ class TorqueGain(Effect):
             return None
         own = torque[:, site.joint]
         if site.port == "sensor":
-            return one_row(site.joint, EFFORT_SIGN[residual] * own, lower=-np.inf, upper=1.0 - 1e-6)
+            sensed = EFFORT_SIGN[residual] * own
+            return one_row(site.joint, sensed, lower=1.0 - READING_MAX, upper=1.0 - 1.0 / READING_MAX)
         return one_row(site.joint, -own, lower=-1.0 + 1e-6)
 
     def coefficients(self, values: Values, site: Site) -> tuple[Array, dict[str, float]]:
@@ -252,8 +259,8 @@ class Crosstalk(Effect):
         if torque is None:
             return None
         joint, other = (signals.joint(name) for name in ends(site.key))
-        sign = EFFORT_SIGN[residual] if sensed else -1.0
-        return one_row(joint, sign * torque[:, other], lower=-1.0, upper=1.0)
+        sign, most = (EFFORT_SIGN[residual], SHARE_MAX) if sensed else (-1.0, 1.0)
+        return one_row(joint, sign * torque[:, other], lower=-most, upper=most)
 
     def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
         """Adds shares of other joints' torques to readings or to what drives give."""

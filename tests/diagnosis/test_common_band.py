@@ -8,7 +8,12 @@ from hypothesis import strategies as st
 
 from impedance_modules.diagnosis.data.log import Log
 from impedance_modules.diagnosis.regression.sensor_noise import white_noise
-from impedance_modules.diagnosis.residuals.band import CommonBand, above_noise, choose_band
+from impedance_modules.diagnosis.residuals.band import (
+    CommonBand,
+    above_noise,
+    choose_band,
+    deflection_cutoffs,
+)
 from impedance_modules.effects.recorded_signals import differentiate
 
 
@@ -120,3 +125,13 @@ def test_the_ends_of_a_recording_are_not_rounded_off(seed, noise):
     wrong = above_noise(read, twice_differentiated(read, 100.0)) - twice_differentiated(true, 100.0)
     for end in (slice(13, 100), slice(-100, -13)):
         assert np.std(wrong[end, :2]) < 0.03 * np.abs(twice_differentiated(true, 100.0)).max()
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_single_frequencies_of_noise_are_no_load_that_may_be_differentiated(seed):
+    """A load at 5 Hz beside noise whose second derivative is as large at 10 Hz; of 600 frequencies some stand out."""
+    time = np.arange(int(12.0 * 500.0)) / 500.0
+    noise = 0.018 * np.random.default_rng(seed).standard_normal(time.size)
+    thinned = CommonBand.of(500.0, 20.0).thin((0.04 * np.sin(2.0 * np.pi * 5.0 * time) + noise)[:, None])
+    one = Log("run", "run", 250.0, 0.0 * thinned, None, thinned, None, None, "joint_sensor", "none")
+    assert 4.0 < deflection_cutoffs(one)[0] < 7.0

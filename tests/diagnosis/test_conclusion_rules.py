@@ -131,13 +131,13 @@ def test_the_remainder_is_said_in_words(structure: str, weak: bool, refused: boo
     )
     found = conclusion._remainder(lack, evidence, SimpleNamespace(joints=("elbow", "wrist")))
     assert (found.lack_of_fit, found.explained) == (3.25, False)
-    assert found.residuals == ({"actuator", "link"} if structure else {"actuator"})
+    assert found.failing == {("actuator", "wrist"), *({("link", "elbow")} if structure else ())}
     assert found.structure.startswith("residual power is 3.25 times noise") and words in found.structure
     assert ("(nearest: a payload, which gains too little)" in found.structure) is refused
     passing = conclusion._remainder(
         LackOfFit(np.ones(2), np.array([2.0, 1.5]), ()), evidence, SimpleNamespace(joints="ab")
     )
-    assert passing.explained and "not explained" not in passing.structure and not passing.residuals
+    assert passing.explained and "not explained" not in passing.structure and not passing.failing
 
 
 # What is left.
@@ -330,14 +330,49 @@ def test_a_push_is_masked_with_its_margin() -> None:
 
 
 def test_the_strongest_push_on_a_link_is_described() -> None:
-    items = recordings("a", "b")
-    found = external_pushes.cause_of_pushes(
-        [push(0, gain=99.0), push(1, 0.5, force=(9.0, 1.0, 2.0))], items, 0.3
-    )
+    pushes = [push(0, gain=99.0), push(1, 0.5, force=(9.0, 1.0, 2.0))]
+    found = external_pushes.cause_of_pushes(pushes, 0.3)
     numbers = found.parameters["fore"]
     assert (numbers["fx"].value, numbers["start"].value, numbers["end"].value) == (4.0, 1.0, 2.0)
     assert (found.effect, found.weight, found.joints, found.port) == ("external_contact", 0.3, (), "contact")
-    assert "run0 (1), run1 (1)" in found.rivals[0].reason
+    notes = external_pushes.push_notes(pushes[::-1], recordings("a", "b"))
+    assert notes[0].startswith("run0: pushed from outside, 1.00 to 2.00 s, with 4 N on fore")
+    assert notes[1].startswith("run1: pushed from outside, 0.50 to 2.00 s, with 9.3 N on fore")
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_a_push_that_turns_one_joint_is_one_on_a_link_that_others_show_pushed(
+    monkeypatch, known: bool
+) -> None:
+    """Alone it may be a fault of that joint."""
+    (item,) = recordings("a")
+    tips, _ = external_pushes.hat_functions(item, 301)
+    inside = (tips >= 1.0) & (tips <= 2.0)
+    there = forces(
+        force=np.where(inside[:, None], [0.0, 12.0, 0.0], 0.0),
+        covariance=np.eye(3 * len(tips)),
+        joints=np.array([100.0, 1.0, 1.0, 1.0, 1.0, 1.0]),
+    )
+    each = {0: np.where(inside, 144.0, 0.0)}
+    monkeypatch.setattr(
+        external_pushes, "free_torques", lambda fit, item, r, left, g: each.get(g, np.zeros(len(tips)))
+    )
+    groups = tuple(("link", joint) for joint in range(6))
+    fit = SimpleNamespace(design=SimpleNamespace(groups=groups, whitening=SimpleNamespace(weak=True)))
+    found = external_pushes._intervals(fit, item, 0, (), there, known)
+    assert len(found) == known
+    if found:
+        assert (found[0].start, found[0].end) == (0.75, 2.25) and found[0].force[1] == pytest.approx(12.0)
+
+
+def test_one_link_is_taken_for_all_recordings_unless_another_fits_far_better() -> None:
+    def tried(hand: float, wrist: float) -> dict[str, Forces]:
+        return {"hand": forces(body="hand", gain=hand), "wrist": forces(body="wrist", gain=wrist)}
+
+    alike = external_pushes._on_one_link({0: tried(900.0, 800.0), 3: tried(90.0, 100.0)})
+    assert {r: found.body for r, found in alike.items()} == {0: "hand", 3: "hand"}
+    apart = external_pushes._on_one_link({0: tried(900.0, 800.0), 3: tried(60.0, 100.0)})
+    assert {r: found.body for r, found in apart.items()} == {0: "hand", 3: "wrist"}
 
 
 # Regimes of motion.
@@ -433,6 +468,9 @@ def test_the_share_of_pushes_is_the_power_beyond_noise_where_they_are() -> None:
         unit_power=np.array([2.0]),
         counted=lambda recording, group: np.array([False, True, True, True]),
         _pushed=lambda recording, group: np.array([True, False, False, False]),
+        pushes=(push(),),
     )
     inside, whole = 9.0 - 0.25, 12.0 - 4 * 0.25
     assert Evidence.pushed_share.func(own) == pytest.approx(inside / whole)
+    own.pushes = ()
+    assert Evidence.pushed_share.func(own) == 0.0

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,8 +15,10 @@ from scipy.stats import chi2
 from impedance_modules.diagnosis.model_selection import naming
 from impedance_modules.diagnosis.model_selection.naming import (
     LEAST_WEIGHT,
+    Refusal,
+    rejected_by_motion,
+    without_causes,
     without_negligible,
-    without_rejected,
     without_uncertain,
 )
 from impedance_modules.diagnosis.regression import parameter_estimates
@@ -33,6 +35,7 @@ class Evidence:
 
     powers: dict[str, float]
     model_fit: SimpleNamespace
+    pushed_share: float = 0.0
     selector: SimpleNamespace = field(
         default_factory=lambda: SimpleNamespace(
             model_fit=lambda model: SimpleNamespace(model=list(model)), refiner=None
@@ -63,6 +66,14 @@ def test_what_explains_next_to_nothing_is_not_named_and_said() -> None:
     assert named(alone) == ["spring"] and notes == ()
 
 
+def test_beside_pushes_the_rest_of_the_gap_is_what_terms_explain() -> None:
+    """A push makes all of the gap: an elastic joint fitted to the noise beside it was named with weight zero."""
+    beside = evidence(spring=100.0, friction=30.0)
+    assert without_negligible(replace(beside, pushed_share=0.9)) == (replace(beside, pushed_share=0.9), ())
+    found, notes = without_negligible(replace(beside, pushed_share=1.0))
+    assert named(found) == [] and len(notes) == 2
+
+
 def cause(effect: str, verdict: str | None, port: str = "link") -> SimpleNamespace:
     rollout = None if verdict is None else SimpleNamespace(verdict=verdict, ratio=0.5)
     return SimpleNamespace(effect=effect, port=port, joints=("elbow",), rollout=rollout)
@@ -78,24 +89,27 @@ def certain_unless(**partners: str):
     return judge
 
 
-def test_what_worsens_the_simulated_motion_is_not_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_worsens_the_simulated_motion_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(naming, "significant_terms", certain_unless())
     before = evidence(spring=5.0, friction=3.0, payload=1.0)
-    causes = [cause("spring", "helps"), cause("friction", "worsens"), cause("payload", None)]
-    found, notes = without_rejected(before, causes)
-    assert named(found) == ["spring", "payload"]
-    assert len(notes) == 1 and "friction on elbow" in notes[0] and "error power by 2" in notes[0]
-    other_port = [cause("friction", "worsens", port="actuator")]
-    assert named(without_rejected(before, other_port)[0]) == ["spring", "friction", "payload"]
-    assert without_rejected(before, [cause("spring", "no difference")]) == (before, ())
+    refusals = rejected_by_motion(
+        [cause("spring", "helps"), cause("friction", "worsens"), cause("payload", None)]
+    )
+    assert [refusal.cause.effect for refusal in refusals] == ["friction"]
+    assert "friction on elbow" in refusals[0].words and "error power by 2" in refusals[0].words
+    found, notes = without_causes(before, refusals)
+    assert named(found) == ["spring", "payload"] and notes == ()
+    other_port = rejected_by_motion([cause("friction", "worsens", port="actuator")])
+    assert named(without_causes(before, other_port)[0]) == ["spring", "friction", "payload"]
+    assert rejected_by_motion([cause("spring", "no difference")]) == ()
 
 
-def test_what_is_certain_only_beside_a_rejected_cause_goes_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_certain_only_beside_a_refused_cause_goes_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(naming, "significant_terms", certain_unless(ripple="payload"))
     before = evidence(spring=5.0, ripple=3.0, payload=1.0)
-    found, notes = without_rejected(before, [cause("payload", "worsens")])
+    found, notes = without_causes(before, [Refusal(cause("payload", None), "is none")])
     assert named(found) == ["spring"]
-    assert "payload on elbow" in notes[0] and "ripple on elbow, whose numbers alone" in notes[1]
+    assert len(notes) == 1 and "ripple on elbow, whose numbers alone" in notes[0]
 
 
 def test_of_two_uncertain_terms_the_larger_is_judged_again(monkeypatch: pytest.MonkeyPatch) -> None:

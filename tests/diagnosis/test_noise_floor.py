@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.signal import firwin
+from scipy.signal import filtfilt, firwin
 
 from impedance_modules.diagnosis.regression import noise_floor as judged
 from impedance_modules.diagnosis.regression import sensor_noise
@@ -18,6 +18,7 @@ from impedance_modules.diagnosis.regression.sensor_noise import (
     SENSOR_NOISE_RATIO,
     _sensor_noise_ratio,
     read_noise,
+    sensor_powers,
 )
 from impedance_modules.diagnosis.regression.whitening import ORDER, Whitening, spectrum, whitening_of
 from impedance_modules.diagnosis.residuals.band import CommonBand
@@ -32,7 +33,9 @@ FLEXIBLE = np.column_stack([np.sin(k * TIME) for k in range(1, 30)] + [np.cos(k 
 def whitening_by(noise: np.ndarray, X: np.ndarray, made: np.ndarray, monkeypatch) -> Whitening:
     """Weak floor of one recording's residual beside columns, its positions' noise made up."""
     monkeypatch.setattr(judged, "made_by_positions", lambda *_: SimpleNamespace(of=lambda _: made))
-    item = SimpleNamespace(band=SimpleNamespace(cutoff=4.0, step=20, rate=200.0))
+    item = SimpleNamespace(
+        band=SimpleNamespace(cutoff=4.0, step=20, rate=200.0), log=SimpleNamespace(effort=None)
+    )
     nuisance = NuisanceColumns((GROUP,), 0, (np.zeros(0, int),), ((np.zeros((len(noise), 0)),),), {})
     regressor = CandidateRegressor(None, {}, ("generic", "link.0", "random"), [{GROUP: X}])
     return judged.noise_by_smoothness([[noise]], [item], nuisance, [regressor], [0])
@@ -154,6 +157,62 @@ def test_without_a_measured_torque_all_recordings_are_alike() -> None:
     np.testing.assert_allclose(_sensor_noise_ratio(_recordings(1.0, 9.0, effort=False), [(1, 0)]), 1.0)
 
 
+def slow(values: np.ndarray) -> np.ndarray:
+    """What is below 10 Hz of samples at 100 Hz."""
+    return filtfilt(firwin(31, 10.0, fs=100.0), 1.0, values, axis=0)
+
+
+def sensed(noise: float, *, behind: str) -> SimpleNamespace:
+    """A recording at 100 Hz whose torque sensor has white noise; its band ends at 10 Hz where springs are sensors."""
+    one = _recordings(noise)[0]
+    signals = SimpleNamespace(
+        n=2,
+        measures_springs=behind == "gear",
+        spring_compliance=np.array([0.01, 0.0]),
+        reflected_inertia=np.array([0.02, 0.3]),
+        motor_damping=np.array([0.5, 0.1]),
+    )
+    smooth = slow if signals.measures_springs else lambda values: values
+    band = SimpleNamespace(smooth=smooth, condense=lambda values: values)
+    log = SimpleNamespace(effort=one.log.effort, samples=len(one.log.effort), rate=100.0)
+    return SimpleNamespace(log=log, signals=signals, band=band)
+
+
+GROUPS = (("link", 0), ("link", 1), ("actuator", 0), ("actuator", 1), ("velocity", 0), ("whole", 0))
+
+
+@pytest.mark.parametrize("size", [0.5, 3.0])
+def test_noise_of_a_torque_sensor_is_in_every_residual_that_it_enters(size: float) -> None:
+    own = sensor_powers([sensed(size, behind="motor"), sensed(2.0 * size, behind="motor")], GROUPS)
+    np.testing.assert_allclose(own[0], [size**2, 1.0, size**2, 1.0, 0.0, 0.0], rtol=0.25)
+    assert own[1, 0] == pytest.approx(4.0 * own[0, 0], rel=0.3)
+
+
+def test_a_sensor_that_is_the_spring_tells_of_rotors_what_only_its_noise_does() -> None:
+    """I_r c d2n/dt2 + b c dn/dt beside n itself, by differences of noise drawn here."""
+    (own,) = sensor_powers([sensed(0.5, behind="gear")], GROUPS)
+    noise = slow(0.5 * np.random.default_rng(1).standard_normal(20_000))
+    rate = np.gradient(0.01 * noise, 0.01)
+    pretended = noise + 0.02 * np.gradient(rate, 0.01) + 0.5 * rate
+    assert own[2] == pytest.approx(np.mean(pretended**2), rel=0.3)
+    assert own[0] == pytest.approx(np.mean(noise**2), rel=0.3) and own[3] == pytest.approx(own[1])
+
+
+def test_without_a_sensor_there_is_no_noise_of_one() -> None:
+    item = sensed(1.0, behind="motor")
+    item.log.effort = None
+    assert not sensor_powers([item], GROUPS).any()
+
+
+def test_a_pair_of_which_hardly_a_row_counts_shows_no_noise_beside_others() -> None:
+    """Several samples in a row were lost in one of them: four rows make no spectrum."""
+    items = [SimpleNamespace(samples=40)] * 4
+    clear = {(0, 0): np.arange(40) < 4}
+    masks = judged._shown_twice([(0, 1), (2, 3)], 0, items, clear)
+    assert [int(mask.sum()) for mask in masks] == [0, 40]
+    assert [mask.all() for mask in judged._shown_twice([(0, 1)], 0, items, clear)] == [True]
+
+
 @pytest.mark.parametrize("sensor", [0.0, 0.3, 2.0])
 def test_without_repeats_a_recording_with_more_inertia_has_more_noise(sensor: float) -> None:
     """Noise of positions times an inertia of 1, 2 and 3, beside that of a sensor; the third is held out."""
@@ -197,6 +256,7 @@ def _swaying(inertia: float, sway: float, seed: int) -> SimpleNamespace:
         acceleration=np.gradient(np.gradient(q, time), time)[:, None],
         reflected_inertia=np.zeros(1),
         measures_springs=True,
+        spring_compliance=np.zeros(1),
         encoder_at_motor=np.zeros(1),
     )
     position = band.condense(np.full((len(q), 1), inertia))

@@ -187,7 +187,7 @@ def test_small_remainders_of_velocities_alone_change_no_simulated_motion(
     """A logger's own filter of the velocities was an alarm wherever the simulated motion was not perfect."""
     found = diagnosis(verdict="unexplained", explained=False)
     far = replace(found.rollout, position={"hinge": RolloutError(0.2, 0.2, 0.02, "rad")})
-    remainder = replace(found.remainder, residuals=frozenset(residuals))
+    remainder = replace(found.remainder, failing=frozenset((residual, "hinge") for residual in residuals))
     found = replace(found, rollout=far, remainder=remainder)
     seen = evidence(0.0, left)
     seen.design.groups = (("velocity", 0),)
@@ -198,14 +198,15 @@ def test_small_remainders_of_velocities_alone_change_no_simulated_motion(
 def test_what_passes_as_noise_does_not_make_a_remainder_large() -> None:
     """A joint with hardly any torque, whose noise is a little more than its floor's, beside reported velocities."""
     found = diagnosis(verdict="unexplained", explained=False)
-    found = replace(found, remainder=replace(found.remainder, residuals=frozenset({"velocity"})))
+    found = replace(found, remainder=replace(found.remainder, failing=frozenset({("velocity", "hinge")})))
     seen = evidence(0.0, 0.0)
     seen.design.groups = (("link", 0), ("velocity", 0))
     seen.prepared = (recording(2.0, RANGE),)
     seen.floor.rms = np.array([[1.0, 1.0]])
     seen.rms = lambda *_: np.array([1.1, 0.9])
     assert set_small_aside(found, seen, 0.01).verdict == "no_gap"
-    found = replace(found, remainder=replace(found.remainder, residuals=frozenset({"velocity", "link"})))
+    both = frozenset({("velocity", "hinge"), ("link", "hinge")})
+    found = replace(found, remainder=replace(found.remainder, failing=both))
     assert set_small_aside(found, seen, 0.01).verdict == "unexplained"
 
 
@@ -217,7 +218,26 @@ def test_ranges_are_over_all_recordings_and_of_the_residual_s_own_quantity() -> 
 @pytest.mark.parametrize(("after", "near"), [(0.99 * DRIFT, True), (1.01 * DRIFT, False)])
 def test_motion_stays_near_within_its_noise(after: float, near: bool) -> None:
     rollout = SimpleNamespace(position={"hinge": RolloutError(9.0, after, 1.0, "rad")})
-    assert stays_near(rollout) is near
+    assert stays_near(rollout, {"hinge": 0.0}) is near
+    # As near as a stated share of its own motion is near enough, whatever the noise.
+    assert stays_near(rollout, {"hinge": 1.02 * DRIFT})
+
+
+def test_another_joint_whose_noise_is_large_does_not_make_a_remainder_large() -> None:
+    """A flange that carries hardly any torque, beside a shoulder at which a little is left."""
+    found = diagnosis(verdict="unexplained", explained=False)
+    found = replace(found, remainder=replace(found.remainder, failing=frozenset({("link", "hinge")})))
+    seen = evidence(0.0, 0.0)
+    seen.design.groups = (("link", 0), ("link", 1))
+    tree = SimpleNamespace(joints=("hinge", "flange"))
+    load = np.array([[-4.0, -0.1], [4.0, 0.1]])
+    seen.prepared = (SimpleNamespace(load=load, position=load, velocity=load, tree=tree),)
+    seen.floor.rms = np.array([[1.0, 1.0]])
+    seen.rms = lambda *_: np.array([1.001, 1.1])
+    assert set_small_aside(found, seen, 0.01).verdict == "no_gap"
+    there = frozenset({("link", "hinge"), ("link", "flange")})
+    found = replace(found, remainder=replace(found.remainder, failing=there))
+    assert set_small_aside(found, seen, 0.01).verdict == "unexplained"
 
 
 def test_what_is_small_is_printed_in_the_json_and_in_no_patch(capsys: pytest.CaptureFixture[str]) -> None:

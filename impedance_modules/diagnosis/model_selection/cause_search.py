@@ -62,6 +62,9 @@ from impedance_modules.worker_processes import OrderedMap, map_here
 Progress = Callable[[str], None]
 """Called with a sentence for each step."""
 
+CandidateKey = tuple[str, str, str]
+"""Effect, what carries its numbers, and port."""
+
 SQUARES_RATIO_MAX = 1.2
 """Largest ratio of the squares left by a search on masked rows to those left by the causes found on all rows."""
 
@@ -76,6 +79,8 @@ def search_causes(
     without: Collection[str],
     progress: Progress,
     each: OrderedMap = map_here,
+    *,
+    refused: Collection[CandidateKey] = (),
 ) -> Evidence:
     """Finds the causes of the residuals of all recordings.
 
@@ -86,8 +91,9 @@ def search_causes(
         without: Ids of effects that are left out of the catalogue.
         progress: Called with a sentence for each step.
         each: Where recordings are worked on, one by one.
+        refused: Candidates that are left out.
     """
-    selector = _selector(prepared, split, model, without, each)
+    selector = _selector(prepared, split, model, without, each, refused)
     progress("searching")
     found = selector.run(progress)
     selector, found, notes = _without_reversals(selector, found, prepared, progress)
@@ -110,6 +116,7 @@ def _selector(
     model: NominalModel,
     without: Collection[str],
     each: OrderedMap,
+    refused: Collection[CandidateKey] = (),
 ) -> Selector:
     """Builds the columns of all candidates, the noise floor and the design; rows in contact and at gaps are masked."""
     signals = _cleaned(prepared, split)
@@ -118,6 +125,7 @@ def _selector(
     shaped = [
         (candidate, shape)
         for candidate in list_candidates(CATALOGUE, prepared, {*without, *bound})
+        if (candidate.effect.id, candidate.key, candidate.port) not in refused
         for shape in shapes_of(candidate, signals)
     ]
     residuals = list(prepared[0].residuals)

@@ -76,15 +76,14 @@ def causes_of_model(evidence: Evidence) -> tuple[Cause, ...]:
     total = evidence.excess_before
     left = min(1.0, evidence.excess(evidence.model_fit) / total) if total > 0.0 else 0.0
     gains = sum(cause.weight for cause in merged.values())
-    scale = (1.0 - left) / gains if gains > 0.0 else 0.0
+    share = evidence.pushed_share
+    scale = (1.0 - share) * (1.0 - left) / gains if gains > 0.0 else 0.0
     weighed = [
         replace(cause, weight=cause.weight * scale, shrink=_own_shrink(evidence, cause))
         for cause in merged.values()
     ]
     if evidence.pushes:
-        share = evidence.pushed_share
-        weighed = [replace(cause, weight=cause.weight * (1.0 - share)) for cause in weighed]
-        weighed.append(cause_of_pushes(evidence.pushes, evidence.prepared, share))
+        weighed.append(cause_of_pushes(evidence.pushes, share))
     return tuple(sorted(weighed, key=lambda cause: -cause.weight))
 
 
@@ -200,7 +199,8 @@ def _remainder(found: LackOfFit, evidence: Evidence, model: NominalModel) -> Rem
             words += (
                 f" (nearest: {evidence.refusal.trial.term.candidate.name}, which {evidence.refusal.reason})"
             )
-    failing = frozenset(evidence.design.groups[group][0] for group in found.failing)
+    groups = (evidence.design.groups[group] for group in found.failing)
+    failing = frozenset((residual, model.joints[joint]) for residual, joint in groups)
     return Remainder(ratio, found.passed, words, float(found.limit[worst]), failing)
 
 

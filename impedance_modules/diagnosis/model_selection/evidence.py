@@ -115,7 +115,9 @@ class Evidence:
 
     @cached_property
     def pushed_share(self) -> float:
-        """Part of the excess power of all recordings, with the nuisance fitted, that comes from pushes."""
+        """Part of the excess power of all recordings, with the nuisance fitted, that comes from pushes; 0 without."""
+        if not self.pushes:
+            return 0.0
         inside, total = 0.0, 0.0
         for r in range(len(self.prepared)):
             for g, values in enumerate(self.plain.left(self.calibrated, r)):

@@ -8,12 +8,15 @@ A push happens at one time of one recording, so no other recording can confirm i
 - *several joints*: a free torque of a single joint does not do nearly as well, as it would if that joint had a fault;
 - *absence*: where the recording repeats another, the same force is not there at the same time.
 
+A link that pushes have been found on may be pushed in a way that turns one joint only.
+
 f(t) is piecewise linear, a sum of hat functions half a second wide, fitted to the links' whitened residual of a model.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -105,18 +108,50 @@ def find_pushes(
     groups = [g for g, (residual, _) in enumerate(model_fit.design.groups) if uses_motion(residual)]
     if len(groups) < 2:
         return ()
-    found: dict[int, Forces] = {}
-    out: list[ExternalPush] = []
+    tried: dict[int, dict[str, Forces]] = {}
+    lefts: dict[int, list[Array]] = {}
     for r, item in enumerate(prepared):
         left = model_fit.residuals(known, r)
         if model_fit.design.whitening.weak:
             left = [x / _quiet_rms(x) for x in left]
-        if _not_significant(model_fit, item, r, left, groups):
-            continue
-        best = [fit_forces(model_fit, item, r, left, link) for link in touched_links(item)]
-        found[r] = max(best, key=lambda forces: forces.gain)
-        out += _intervals(model_fit, item, r, left, found[r])
-    return tuple(push for push in out if not _in_a_repeat(push, prepared, found))
+        if not _not_significant(model_fit, item, r, left, groups):
+            lefts[r] = left
+            tried[r] = {link: fit_forces(model_fit, item, r, left, link) for link in touched_links(item)}
+    found = _on_one_link(tried)
+    pushes = _confirmed(model_fit, prepared, lefts, found, frozenset())
+    if pushes:
+        touched = frozenset(push.body for push in pushes)
+        pushes = _confirmed(model_fit, prepared, lefts, found, touched)
+    return pushes
+
+
+def _on_one_link(tried: Mapping[int, Mapping[str, Forces]]) -> dict[int, Forces]:
+    """The link of each recording: the one that explains most in all, unless another one fits its pattern far better."""
+    total: Counter[str] = Counter()
+    for links in tried.values():
+        total.update({link: forces.gain for link, forces in links.items()})
+    found = {}
+    for r, links in tried.items():
+        best = max(links.values(), key=lambda forces: forces.gain)
+        common = links[max(links, key=lambda link: total[link])]
+        found[r] = common if common.gain >= PATTERN_MIN * best.gain else best
+    return found
+
+
+def _confirmed(
+    model_fit: ModelFit,
+    prepared: Sequence[Prepared],
+    lefts: Mapping[int, Sequence[Array]],
+    found: Mapping[int, Forces],
+    touched: frozenset[str],
+) -> tuple[ExternalPush, ...]:
+    """Pushes of all recordings, without those that a repeat shows as well; ``touched`` are links known to be pushed."""
+    every = (
+        push
+        for r, forces in found.items()
+        for push in _intervals(model_fit, prepared[r], r, lefts[r], forces, forces.body in touched)
+    )
+    return tuple(push for push in every if not _in_a_repeat(push, prepared, found))
 
 
 def touched_links(item: Prepared) -> tuple[str, ...]:
@@ -146,12 +181,11 @@ def rows_without_pushes(pushes: Sequence[ExternalPush], prepared: Sequence[Prepa
     return out
 
 
-def cause_of_pushes(pushes: Sequence[ExternalPush], prepared: Sequence[Prepared], share: float) -> Cause:
+def cause_of_pushes(pushes: Sequence[ExternalPush], share: float) -> Cause:
     """Describes the strongest push on every link as a cause: no property of the robot, so no patch contains it.
 
     Args:
         pushes: One or more.
-        prepared: The recordings that their indices refer to.
         share: Part of the gap that they make.
     """
     strongest = {push.body: push for push in sorted(pushes, key=lambda push: push.gain)}
@@ -161,8 +195,6 @@ def cause_of_pushes(pushes: Sequence[ExternalPush], prepared: Sequence[Prepared]
         forces = {symbol: Estimate(float(value), float(std), "N") for symbol, value, std in named}
         times = {"start": Estimate(push.start, SPACING, "s"), "end": Estimate(push.end, SPACING, "s")}
         parameters[body] = {**forces, **times}
-    names = [prepared[push.recording].log.name for push in pushes]
-    places = ", ".join(f"{name} ({names.count(name)})" for name in dict.fromkeys(names))
     return Cause(
         effect=ExternalContact.description.id,
         joints=(),
@@ -171,13 +203,20 @@ def cause_of_pushes(pushes: Sequence[ExternalPush], prepared: Sequence[Prepared]
         weight=share,
         shrink=None,
         equivalent=(),
-        rivals=(
-            Rival("free torques", (), f"one force explains the joints together; pushes in {places}, masked"),
-        ),
+        rivals=(Rival("free torques", (), "one force explains the joints together"),),
         position_range={},
         velocity_range={},
         # Nothing else was tried in its place, so its lead is none.
         standing=Standing(0.5 * max(push.gain for push in pushes), 0.0),
+    )
+
+
+def push_notes(pushes: Sequence[ExternalPush], prepared: Sequence[Prepared]) -> tuple[str, ...]:
+    """Says of each push in which recording it is, when, where and how large."""
+    return tuple(
+        f"{prepared[push.recording].log.name}: pushed from outside, {push.start:.2f} to {push.end:.2f} s, with"
+        f" {np.linalg.norm(push.force):.2g} N on {push.body}; these rows are left out"
+        for push in sorted(pushes, key=lambda push: (push.recording, push.start))
     )
 
 
@@ -194,43 +233,46 @@ def _quiet_rms(left: Array) -> float:
 
 
 def _intervals(
-    model_fit: ModelFit, item: Prepared, r: int, left: Sequence[Array], forces: Forces
+    model_fit: ModelFit, item: Prepared, r: int, left: Sequence[Array], forces: Forces, known: bool
 ) -> list[ExternalPush]:
-    """Runs of significant hats that meet the conditions of a push."""
+    """Runs of significant hats that meet the conditions of a push; on a ``known`` link one joint may suffice."""
     count = len(forces.force)
     strength = np.array([chi_square_of(forces, slice(3 * k, 3 * k + 3)) for k in range(count)])
     runs = _runs(strength > SIGNIFICANT)
     weak = model_fit.design.whitening.weak
-    least, pattern = (WEAK_FLOOR_FACTOR * GAIN_MIN, _pattern_min(forces)) if weak else (GAIN_MIN, PATTERN_MIN)
+    least = WEAK_FLOOR_FACTOR * GAIN_MIN if weak else GAIN_MIN
+    pattern = _pattern_min(forces) if weak and not known else PATTERN_MIN
     groups = [g for g, (residual, _) in enumerate(model_fit.design.groups) if uses_motion(residual)]
     each = np.array([free_torques(model_fit, item, r, left, g) for g in groups])
-    free = each.sum(axis=0)
     second = np.sort(forces.joints)[-2] / max(float(forces.joints.sum()), 1e-9)
-    if pattern >= 1.0 or second < SECOND_MIN or sum(last - first for first, last in runs) > LOCAL_MAX * count:
+    one_joint = not known and second < SECOND_MIN
+    if pattern >= 1.0 or one_joint or sum(last - first for first, last in runs) > LOCAL_MAX * count:
         return []  # any force would fit, one joint alone would, or the gap is not local
-    tips, _ = hat_functions(item, item.samples)
     out = []
     for first, last in runs:
-        size = last - first
+        size, free = last - first, each[:, first:last].sum(axis=1)
         gain = chi_square_of(forces, slice(3 * first, 3 * last)) - 3.0 * size
-        if gain < least or gain < pattern * (float(np.sum(free[first:last])) - len(groups) * size):
-            continue
-        if float(np.max(each[:, first:last].sum(axis=1))) - size > ONE_JOINT_MAX * gain:
-            continue
-        mean = np.repeat(np.eye(3)[None] / size, size, axis=0).transpose(1, 0, 2).reshape(3, -1)
-        part = forces.covariance[3 * first : 3 * last, 3 * first : 3 * last]
-        out.append(
-            ExternalPush(
-                recording=r,
-                body=forces.body,
-                start=float(tips[first] - SPACING),
-                end=float(tips[last - 1] + SPACING),
-                force=forces.force[first:last].mean(axis=0),
-                std=np.sqrt(np.diag(mean @ part @ mean.T)),
-                gain=float(gain),
-            )
-        )
+        alone = not known and float(free.max()) - size > ONE_JOINT_MAX * gain
+        if gain >= max(least, pattern * (float(free.sum()) - len(groups) * size)) and not alone:
+            out.append(_push(forces, item, r, (first, last), gain))
     return out
+
+
+def _push(forces: Forces, item: Prepared, r: int, run: tuple[int, int], gain: float) -> ExternalPush:
+    """The push of the hats from the first to the last-but-one of a run, which explain a gain."""
+    first, last = run
+    tips, _ = hat_functions(item, item.samples)
+    mean = np.repeat(np.eye(3)[None] / (last - first), last - first, axis=0).transpose(1, 0, 2).reshape(3, -1)
+    part = forces.covariance[3 * first : 3 * last, 3 * first : 3 * last]
+    return ExternalPush(
+        recording=r,
+        body=forces.body,
+        start=float(tips[first] - SPACING),
+        end=float(tips[last - 1] + SPACING),
+        force=forces.force[first:last].mean(axis=0),
+        std=np.sqrt(np.diag(mean @ part @ mean.T)),
+        gain=float(gain),
+    )
 
 
 def _pattern_min(forces: Forces) -> float:
@@ -252,7 +294,7 @@ def _runs(strong: NDArray[np.bool_]) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def _in_a_repeat(push: ExternalPush, prepared: Sequence[Prepared], found: dict[int, Forces]) -> bool:
+def _in_a_repeat(push: ExternalPush, prepared: Sequence[Prepared], found: Mapping[int, Forces]) -> bool:
     """Whether a recording of the same motion shows about the same force at the same time."""
     group = prepared[push.recording].log.group
     for other, forces in found.items():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Which accepted terms are named: none that explains next to nothing, may be chance, or worsens the simulated motion.
+"""Which accepted terms are named: none that explains next to nothing, is unlikely, or worsens the simulated motion.
 
 What is not named is no part of the model either: gap, remainder and patch are those of the named causes alone.
 """
@@ -7,12 +7,13 @@ What is not named is no part of the model either: gap, remainder and patch are t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from impedance_modules.diagnosis.model_selection.cause_search import significant_terms
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
+from impedance_modules.diagnosis.model_selection.probability import LIKELY_MIN, unlikely_causes
 from impedance_modules.diagnosis.regression.model_fit import ModelTerm
-from impedance_modules.diagnosis.result import Cause
+from impedance_modules.diagnosis.result import Cause, Diagnosis
 
 LEAST_WEIGHT = 1e-5
 """Part of the explained power below which a cause is not named: a three hundredth of the gap's size."""
@@ -32,15 +33,18 @@ def ranked_terms(evidence: Evidence) -> list[tuple[ModelTerm, float]]:
 def without_negligible(evidence: Evidence) -> tuple[Evidence, tuple[str, ...]]:
     """Leaves out the terms of negligible weight, one after the other, the least first.
 
+    Beside pushes from outside, what they make of the gap is none of the terms'.
+
     Returns:
         The evidence with the others fitted again, and a sentence for each that was left out.
     """
     notes: list[str] = []
+    part = 1.0 - evidence.pushed_share
     while evidence.model_fit.model:
         ranked = ranked_terms(evidence)
         whole = sum(gain for _, gain in ranked)
         term, least = min(ranked, key=lambda item: item[1])
-        if least >= LEAST_WEIGHT * whole:
+        if part * least >= LEAST_WEIGHT * whole:
             break
         notes.append(
             f"not named: {term.candidate.name}, which explains less than {LEAST_WEIGHT:g} of the gap"
@@ -68,30 +72,64 @@ def without_uncertain(evidence: Evidence) -> tuple[Evidence, tuple[str, ...]]:
         evidence = _without(evidence, [term])
 
 
-def without_rejected(evidence: Evidence, causes: Sequence[Cause]) -> tuple[Evidence, tuple[str, ...]]:
-    """Leaves out the causes with which the simulated motion is worse than without.
+@dataclass(frozen=True)
+class Refusal:
+    """A cause that is not named.
+
+    Attributes:
+        cause: The cause.
+        reason: Why, in words.
+    """
+
+    cause: Cause
+    reason: str
+
+    @property
+    def words(self) -> str:
+        """For the reader."""
+        return f"not named: {self.cause.effect} on {', '.join(self.cause.joints) or 'all joints'}, which {self.reason}"
+
+
+def rejected_by_motion(causes: Sequence[Cause]) -> tuple[Refusal, ...]:
+    """Causes with which the simulated motion is worse than without."""
+    return tuple(
+        Refusal(
+            cause,
+            "explains torque but makes the simulated motion worse, error power by"
+            f" {1.0 / cause.rollout.ratio:.3g}",
+        )
+        for cause in causes
+        if cause.rollout is not None and cause.rollout.verdict == "worsens"
+    )
+
+
+def unlikely(found: Diagnosis, *, repeats: bool) -> tuple[Refusal, ...]:
+    """Causes that are probably none; with those that the recordings cannot tell from them.
 
     Args:
-        evidence: With these causes.
-        causes: Compared in rollouts.
+        found: The whole result, rollouts included.
+        repeats: Whether repeated motions measured the noise.
+
+    Raises:
+        ValueError: There are causes and no remainder was judged.
+    """
+    reason = f"is less than {100.0 * LIKELY_MIN:.3g} % likely"
+    return tuple(Refusal(cause, reason) for cause in unlikely_causes(found, repeats=repeats))
+
+
+def terms_of(evidence: Evidence, refusals: Sequence[Refusal]) -> list[ModelTerm]:
+    """Terms of the model that stand for causes."""
+    keys = {(refusal.cause.effect, refusal.cause.port) for refusal in refusals}
+    return [term for term in evidence.model_fit.model if (term.key[0], term.key[2]) in keys]
+
+
+def without_causes(evidence: Evidence, refusals: Sequence[Refusal]) -> tuple[Evidence, tuple[str, ...]]:
+    """Leaves out causes, and then those that are not certain alone.
 
     Returns:
-        The evidence with the others fitted again, without those that are not certain alone, and a sentence for each
-        that was left out.
+        The evidence with the others fitted again, and a sentence for each of these.
     """
-    rejected = [c for c in causes if c.rollout is not None and c.rollout.verdict == "worsens"]
-    keys = {(cause.effect, cause.port) for cause in rejected}
-    left_out = [term for term in evidence.model_fit.model if (term.key[0], term.key[2]) in keys]
-    if not left_out:
-        return evidence, ()
-    notes = tuple(
-        f"not named: {cause.effect} on {', '.join(cause.joints) or 'all joints'}, which explains torque but makes the"
-        f" simulated motion worse, error power by {1.0 / cause.rollout.ratio:.3g}"
-        for cause in rejected
-        if cause.rollout is not None
-    )
-    left, uncertain = without_uncertain(_without(evidence, left_out))
-    return left, (*notes, *uncertain)
+    return without_uncertain(_without(evidence, terms_of(evidence, refusals)))
 
 
 def _without(evidence: Evidence, left_out: Sequence[ModelTerm]) -> Evidence:

@@ -7,13 +7,13 @@ With good sensors and long recordings, torques of a thousandth of a joint's rang
 
 \tau a cause's torque, or what remains beside the noise, by power; the range over all recordings (of reported
 velocities, the range of speeds), s the tolerance. And the simulated motion must be as good without each cause as with
-it, and with all of them as near to the recorded one as its noise allows; what remains in reported velocities alone
-changes none, as nothing is simulated with them.
+it, and with all of them as near to the recorded one as its noise or the same share of the joint's motion allows; what
+remains in reported velocities alone changes none, as nothing is simulated with them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -51,14 +51,15 @@ def set_small_aside(found: Diagnosis, evidence: Evidence, tolerance: float) -> D
         return found
     limits = tolerance * ranges(evidence.prepared, evidence.design.groups)
     small = [cause for cause in found.causes if is_small(cause, evidence, limits)]
-    passes = found.remainder.explained or (_left_is_small(found, evidence, limits) and _moves_alike(found))
+    alike = found.remainder.of_velocities or stays_near(found.rollout, _near(evidence, tolerance))
+    passes = found.remainder.explained or (_left_is_small(found, evidence, limits) and alike)
     if len(small) == len(found.causes):
         return _without_gap(found) if passes else found
     minor = tuple(cause for cause in small if cause.weight < SHARE_THAT_MATTERS)
     kept = tuple(cause for cause in found.causes if cause not in minor)
     unexplained = found.unexplained_weight + sum(cause.weight for cause in minor)
     found = replace(found, causes=kept, small=minor, unexplained_weight=unexplained)
-    half = unexplained >= SHARE_THAT_MATTERS and found.remainder.residuals != {"velocity"}
+    half = unexplained >= SHARE_THAT_MATTERS and not found.remainder.of_velocities
     if found.remainder.explained or not passes or half:
         return found
     remainder = _within(found)
@@ -79,14 +80,11 @@ def _left_is_small(found: Diagnosis, evidence: Evidence, limits: Array) -> bool:
 
     Where none is known, in all of them.
     """
-    failing = found.remainder.residuals or {residual for residual, _ in evidence.design.groups}
-    judged = [residual in failing for residual, _ in evidence.design.groups]
+    joints, failing = evidence.prepared[0].tree.joints, found.remainder.failing
+    judged = [
+        not failing or (residual, joints[joint]) in failing for residual, joint in evidence.design.groups
+    ]
     return bool(np.all((beside_noise(evidence) <= limits)[judged]))
-
-
-def _moves_alike(found: Diagnosis) -> bool:
-    """Whether what remains changes no simulated motion: it does not, or is in reported velocities, which drive none."""
-    return found.remainder.residuals == {"velocity"} or stays_near(found.rollout)
 
 
 def beside_noise(evidence: Evidence) -> Array:
@@ -131,9 +129,23 @@ def _small_pushes(evidence: Evidence, limits: Array) -> bool:
     return bool(evidence.pushes)
 
 
-def stays_near(rollout: Rollout) -> bool:
-    """Whether the simulated motion with all causes is about as near to the recorded one as its noise allows."""
-    return all(drift.after <= DRIFT * drift.noise_floor for drift in rollout.position.values())
+def stays_near(rollout: Rollout, near: Mapping[str, float]) -> bool:
+    """Whether the simulated motion with all causes is about as near to the recorded one as its noise allows.
+
+    Args:
+        rollout: The motion.
+        near: Joint -> error that counts as near, whatever the noise [rad or m].
+    """
+    return all(
+        drift.after <= max(DRIFT * drift.noise_floor, near[joint])
+        for joint, drift in rollout.position.items()
+    )
+
+
+def _near(evidence: Evidence, share: float) -> dict[str, float]:
+    """Joint -> a share of the range of its position over all recordings [rad or m]."""
+    travel = np.ptp(np.concatenate([item.position for item in evidence.prepared]), axis=0)
+    return dict(zip(evidence.prepared[0].tree.joints, (share * travel).tolist(), strict=True))
 
 
 def ranges(prepared: Sequence[Prepared], groups: Sequence[Group]) -> Array:

@@ -32,9 +32,6 @@ Thin = NDArray[np.float32]
 Group = tuple[Residual, int]
 """One residual of one joint: the rows that share a noise level."""
 
-SENSOR_SHARE_MAX = 0.5
-"""Largest share of a torque by which a sensor is believed to be wrong."""
-
 PERIODS_MIN = 2.0
 """Fewest periods that a periodic effect must run through in the recordings."""
 
@@ -171,7 +168,7 @@ def columns_of(
     fixed = any(bool(np.any(found.fixed)) for found in shown.values())
     blocks: dict[Group, Array] = {}
     for residual, found in shown.items():
-        bounds = _plausible(candidate, found.lower, found.upper)
+        bounds = found.lower, found.upper
         for place, row in enumerate(found.rows):
             own = found.columns[:, place]
             blocks[residual, row] = np.column_stack([own, found.fixed[:, place]]) if fixed else own
@@ -329,15 +326,6 @@ def _keys(
         yield from ((link, (joint,)) for link, joint in bodies)
     else:
         yield kind, ()
-
-
-def _plausible(candidate: Candidate, lower: Array, upper: Array) -> tuple[Array, Array]:
-    """Narrows the physical bounds of pure numbers at a sensor: no sensor that is in use is wrong by half."""
-    if candidate.port != "sensor" or any(
-        parameter.unit != "1" for parameter in candidate.effect.description.parameters
-    ):
-        return lower, upper
-    return np.maximum(lower, -SENSOR_SHARE_MAX), np.minimum(upper, SENSOR_SHARE_MAX)
 
 
 def _squared(regressor: CandidateRegressor) -> CandidateRegressor:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,12 +25,14 @@ from impedance_modules.diagnosis.regression.sensor_noise import (
     made_by_positions,
     noise_shares,
     position_powers,
+    sensor_powers,
     unseen_rounding,
 )
 from impedance_modules.diagnosis.regression.whitening import ORDER, SHORT, Whitening, spectrum, whitening_of
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 
 Mask = NDArray[np.bool_]
+T = TypeVar("T")
 
 RIDGE = 1e-4
 """Of the flexible model, over its columns' power; more where it would use up too many samples."""
@@ -102,19 +105,20 @@ def noise_by_repeats(
     moved = np.mean([acceleration_noise(prepared[i], prepared[j]) for i, j in pairs], axis=0)
     rounding = [unseen_rounding(prepared[i], moved) for i, _ in pairs]
     unseen = [
-        [_rounded(part, group, mask) for mask, part in zip(masks, rounding, strict=True)]
+        [_rounded(part, group, mask) for part, mask in _with_rows(rounding, masks)]
         for masks, group in zip(shown, nuisance.groups, strict=True)
     ]
     noise = [
         [
             _difference(left[i][g], left[j][g], mask) + part
-            for (i, j), mask, part in zip(pairs, shown[g], parts, strict=True)
+            for ((i, j), mask), part in zip(_with_rows(pairs, shown[g]), parts, strict=True)
         ]
         for g, parts in enumerate(unseen)
     ]
     power = [float(np.mean(np.concatenate(x) ** 2)) for x in noise]
     assumed = [float(np.mean(np.concatenate(x) ** 2)) for x in unseen]
-    own = position_powers([made_by_positions(item, r) for r, item in enumerate(prepared)], nuisance.groups)
+    own = sensor_powers(prepared, nuisance.groups)
+    own += position_powers([made_by_positions(item, r) for r, item in enumerate(prepared)], nuisance.groups)
     mean = np.mean([own[r] for pair in pairs for r in pair], axis=0)
     share = noise_shares(np.array(power), mean, own, louder_sensors(nuisance.groups, prepared, pairs))
     return whitening_of(
@@ -161,7 +165,7 @@ def noise_by_smoothness(
         pieces, used = one.robust if disturbed else one.ordinary
         noise.append(_not_below(pieces, used, [everywhere[r].of(group)[mask] for r, mask in rows.items()]))
         lost.append(used)
-    own = position_powers(everywhere, nuisance.groups)
+    own = position_powers(everywhere, nuisance.groups) + sensor_powers(prepared, nuisance.groups)
     share = _noise_shares(noise, np.array(lost), own, [list(rows) for rows in shown])
     return whitening_of(
         noise, share, edge=_edge(prepared), lost=np.array(lost), assumed=np.ones(len(lost)), weak=True
@@ -225,12 +229,19 @@ def _shown_twice(
 ) -> list[Mask]:
     """Rows of a group that count in both of two repeats, for each pair; all of them where hardly any would be left.
 
-    Repeats that are held or pressed throughout differ by noise, too.
+    Repeats that are held or pressed throughout differ by noise, too. A pair of which too few are left for a spectrum
+    shows nothing beside others.
     """
     masks = [_both_clear(pair, group, prepared, clear) for pair in pairs]
-    if sum(int(mask.sum()) for mask in masks) > SHORT + ORDER:
-        return masks
+    long = [mask if mask.sum() >= SHORT else np.zeros_like(mask) for mask in masks]
+    if sum(int(mask.sum()) for mask in long) > SHORT + ORDER:
+        return long
     return [np.ones_like(mask) for mask in masks]
+
+
+def _with_rows(each: Sequence[T], masks: Sequence[Mask]) -> list[tuple[T, Mask]]:
+    """What belongs to pairs that show anything, each with its rows."""
+    return [(one, mask) for one, mask in zip(each, masks, strict=True) if mask.any()]
 
 
 def _both_clear(
@@ -281,7 +292,7 @@ def _noise_shares(
     Args:
         noise: Group -> pieces of noise, one for each of its recordings.
         lost: (groups,) samples that were fitted away.
-        own: (recordings, groups) power of the positions' part.
+        own: (recordings, groups) power of the part that is read from each recording.
         recordings: Group -> those that its pieces are from.
     """
     lengths = [np.array([len(piece) for piece in pieces], dtype=float) for pieces in noise]

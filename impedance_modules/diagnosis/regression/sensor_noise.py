@@ -160,18 +160,47 @@ def position_powers(made: Sequence[Rounding], groups: Sequence[Group]) -> Array:
     return np.array([[float(np.mean(one.of(group) ** 2)) for group in groups] for one in made])
 
 
+def sensor_powers(prepared: Sequence[Prepared], groups: Sequence[Group]) -> Array:
+    r"""Mean squares of what white noise of the torque sensors makes of the residuals, (recordings, groups).
+
+    Zero without a sensor. One that measures the springs' torques tells the rotors' motion, too:
+    I_r c \ddot{n} + b c \dot{n} is added to its noise n in the residual of the actuators.
+    """
+    own = np.zeros((len(prepared), len(groups)))
+    for r, item in enumerate(prepared):
+        if item.log.effort is not None:
+            links, drives = (np.mean(part**2, axis=0) for part in _sensed_noise(item, item.log.effort, r))
+            for g, (residual, joint) in enumerate(groups):
+                if EFFORT_SIGN[residual]:
+                    own[r, g] = (drives if residual == "actuator" else links)[joint]
+    return own
+
+
+def _sensed_noise(item: Prepared, effort: Array, seed: int) -> tuple[Array, Array]:
+    """White noise of efforts (N, n) in the band, (M, n) [N.m]: alone, and with the rotors' motion that it pretends."""
+    noise = white_noise(effort) * np.random.default_rng(seed).standard_normal(effort.shape)
+    signals, time = item.signals, np.arange(item.log.samples) / item.log.rate
+    smooth = item.band.smooth(noise)
+    alone = item.band.condense(smooth)
+    if not signals.measures_springs or not signals.spring_compliance.any():
+        return alone, alone
+    rate = differentiate(signals.spring_compliance * smooth, time)
+    rotor = signals.reflected_inertia * differentiate(rate, time) + signals.motor_damping * rate
+    return alone, alone + item.band.condense(rotor)
+
+
 def noise_shares(power: Array, mean: Array, own: Array, louder: Array | float = 1.0) -> Array:
     r"""Says how much stronger the noise is in each recording than in the floor's own, (recordings, groups).
 
     M(q) of an outstretched arm makes more torque of the same noise of positions. The rest of the noise is alike, but
     for sensors that are noisier in one recording:
 
-        k_r^2 = (c_r s + p_r) / (s + \bar{p}),      p the positions' part, s the rest
+        k_r^2 = (c_r s + p_r) / (s + \bar{p}),      p the part that is read from each recording, s the rest
 
     Args:
         power: (groups,) of the floor's noise.
-        mean: (groups,) of the positions' part in the floor's recordings.
-        own: (recordings, groups) of the positions' part.
+        mean: (groups,) of the part that is read, in the floor's recordings.
+        own: (recordings, groups) of the part that is read: of positions, and white noise of the torque sensors.
         louder: (recordings, groups) power of the rest over that in the floor's recordings.
     """
     rest = np.maximum(power - mean, SENSOR_MIN * power) + LEAST

@@ -248,12 +248,13 @@ def _white_level(power: Array, frequency: Array) -> Array:
 def _cutoff(position: Array, rate: float, derivatives: int = 2) -> float | None:
     """End of the band of one joint, by so many derivatives of its position; None where noise is all there is."""
     power = periodogram(position)
-    frequency = np.fft.rfftfreq(len(position), 1.0 / rate)
-    # Of thinned samples this reaches into the filter's edge and is a little low; the share allows for it.
-    noise = float(np.median(power[frequency > 0.35 * rate])) / np.log(2.0)
+    frequency = np.asarray(np.fft.rfftfreq(len(position), 1.0 / rate), dtype=float)
+    noise = float(_white_level(power, frequency / rate))
     lift = (2.0 * np.pi * frequency) ** (2 * derivatives)
     noise_power = np.cumsum(lift * noise)
-    signal_power = np.cumsum(lift * np.clip(power - noise, 0.0, None) * (power > 10.0 * noise))
+    # Noise alone has single frequencies far above its level; lifted, those of the highest ones would be all there is.
+    moves = uniform_filter1d(power, BINS) > NOISE_EXCESS * noise
+    signal_power = np.cumsum(lift * np.clip(power - noise, 0.0, None) * moves)
     if signal_power[-1] == 0.0:
         return None
     within = noise_power <= NOISE_SHARE**2 * signal_power[-1]

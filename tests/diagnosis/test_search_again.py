@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the simulated motion refuses makes room for others; what is unlikely goes, and rows of no push return."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from impedance_modules.diagnosis import diagnose as stages
+from impedance_modules.diagnosis.diagnose import REFUSED_MAX, CauseSearch
+from impedance_modules.diagnosis.model_selection import probability
+from impedance_modules.diagnosis.model_selection.naming import Refusal
+from impedance_modules.diagnosis.model_selection.probability import LAW, LIKELY_MIN, Grounds, unlikely_causes
+from impedance_modules.effects.regressor import Site
+from impedance_modules.effects.sensor_effects import READING_MAX, TorqueGain
+
+ORDER = ("crosstalk", "base_tilt", "torque_offset", "payload", "torque_gain")
+"""Effects in the order in which a search finds them, one at a time."""
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[set, set]]:
+    """What each search was to do without: effects, and candidates."""
+    seen: list[tuple[set, set]] = []
+
+    def search(
+        *_: object, without: Collection[str], refused: Collection[tuple], **__: object
+    ) -> SimpleNamespace:
+        seen.append((set(without), set(refused)))
+        taken = {key[0] for key in refused}
+        first = next(effect for effect in ORDER if effect not in taken)
+        term = SimpleNamespace(key=(first, "lift", "sensor"))
+        return SimpleNamespace(model_fit=SimpleNamespace(model=[term]), pushes=(), notes=(f"found {first}",))
+
+    monkeypatch.setattr(stages, "search_causes", search)
+    monkeypatch.setattr(stages, "without_negligible", lambda evidence: (evidence, ()))
+    monkeypatch.setattr(
+        stages,
+        "without_causes",
+        lambda evidence, refusals: (SimpleNamespace(**vars(evidence), left=refusals), ("alone",)),
+    )
+    return seen
+
+
+def cause(effect: str, weight: float = 1.0) -> SimpleNamespace:
+    port = "contact" if effect == "external_contact" else "sensor"
+    return SimpleNamespace(effect=effect, port=port, joints=("lift",), weight=weight)
+
+
+def refused(*causes: SimpleNamespace) -> tuple[Refusal, ...]:
+    return tuple(Refusal(one, "makes it worse") for one in causes)
+
+
+def search() -> CauseSearch:
+    return CauseSearch((), None, None, {"water"}, lambda _: None, map)
+
+
+def test_without_a_refused_cause_another_is_found(asked) -> None:
+    found, first = search(), cause("crosstalk")
+    found.replace(refused(first), [first])
+    assert asked[1] == ({"water"}, {("crosstalk", "lift", "sensor")})
+    assert found.evidence.model_fit.model[0].key[0] == "base_tilt"
+    assert found.notes == ("found base_tilt", "not named: crosstalk on lift, which makes it worse")
+
+
+def test_a_minor_cause_that_is_refused_starts_no_search(asked) -> None:
+    found, minor, major = search(), cause("crosstalk", 0.01), cause("payload", 0.9)
+    found.replace(refused(minor), [major, minor])
+    assert len(asked) == 1 and found.evidence.left[0].cause is minor
+    assert found.notes[-2:] == ("not named: crosstalk on lift, which makes it worse", "alone")
+
+
+def test_the_search_is_not_repeated_for_ever(asked) -> None:
+    found = search()
+    for effect in ORDER:
+        found.replace(refused(cause(effect)), [cause(effect)])
+    assert len(asked) == 1 + REFUSED_MAX and len(found.evidence.left) == 1
+
+
+def test_rows_of_a_push_that_was_none_count_again(asked) -> None:
+    found = search()
+    found.leave_out(refused(cause("external_contact")))
+    assert asked[1] == ({"water", "external_contact"}, set())
+    assert found.notes[-1].startswith("not named: external_contact on lift")
+    found.leave_out(refused(cause("payload")))
+    assert len(asked) == 2
+
+
+def grounds(gain: float, **more: object) -> Grounds:
+    known = {
+        "gain": gain, "lead": 0.0, "weight": 1.0, "deviations": 9.0, "lack_of_fit": 2.0, "explained": False,
+        "motion": 0, "repeats": True, "alternatives": 0, "others": 0,
+    }  # fmt: skip
+    return Grounds(**{**known, **more})
+
+
+def test_rivals_make_a_cause_less_likely_and_not_that_one_of_them_is_true() -> None:
+    one, four = grounds(300.0), grounds(300.0, alternatives=4)
+    assert LAW(four) < LAW(one) and LAW.with_alternatives(four) == LAW.with_alternatives(one) == LAW(one)
+
+
+def test_causes_below_one_in_five_are_unlikely(monkeypatch: pytest.MonkeyPatch) -> None:
+    gains = {"payload": 1e4, "crosstalk": 1.0}
+    monkeypatch.setattr(probability, "grounds_of", lambda one, *_, **__: grounds(gains[one.effect]))
+    found = SimpleNamespace(causes=[cause("payload"), cause("crosstalk")])
+    assert LAW(grounds(1e4)) > LIKELY_MIN > LAW(grounds(1.0))
+    assert [one.effect for one in unlikely_causes(found, repeats=True)] == ["crosstalk"]
+
+
+@pytest.mark.parametrize(
+    ("factor", "believed"), [(0.35, True), (0.58, True), (2.9, True), (0.3, False), (3.1, False)]
+)
+def test_a_sensor_may_read_three_times_too_much_or_too_little(factor: float, believed: bool) -> None:
+    """A wrong torque constant of 0.6 was refused as no number that a sensor can have."""
+    signals = SimpleNamespace(effort=np.ones((3, 1)), joint=lambda _: 0, samples=3, n=1)
+    columns = TorqueGain().in_residual(Site(signals, "lift", "sensor"), "link", {})
+    coefficient = 1.0 - 1.0 / factor
+    assert bool(columns.lower[0] < coefficient < columns.upper[0]) is believed
+    assert READING_MAX == 3.0
