@@ -21,6 +21,12 @@ ORDER = ("crosstalk", "base_tilt", "torque_offset", "payload", "torque_gain")
 """Effects in the order in which a search finds them, one at a time."""
 
 
+def left_alone(
+    evidence: SimpleNamespace, refusals: tuple[Refusal, ...]
+) -> tuple[SimpleNamespace, tuple[str]]:
+    return SimpleNamespace(model_fit=evidence.model_fit, pushes=(), notes=(), left=refusals), ("alone",)
+
+
 @pytest.fixture
 def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[set, set]]:
     """What each search was to do without: effects, and candidates."""
@@ -37,11 +43,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[set, set]]:
 
     monkeypatch.setattr(stages, "search_causes", search)
     monkeypatch.setattr(stages, "without_negligible", lambda evidence: (evidence, ()))
-    monkeypatch.setattr(
-        stages,
-        "without_causes",
-        lambda evidence, refusals: (SimpleNamespace(**vars(evidence), left=refusals), ("alone",)),
-    )
+    monkeypatch.setattr(stages, "without_causes", left_alone)
     return seen
 
 
