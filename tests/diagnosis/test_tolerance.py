@@ -91,9 +91,13 @@ def evidence(torque: float, left: float, noise: float = 0.0) -> SimpleNamespace:
     term = SimpleNamespace(key=key, groups=(0,))
     return SimpleNamespace(
         prepared=(recording(2.0), recording(RANGE)),
-        design=SimpleNamespace(groups=(("link", 0),)),
+        design=SimpleNamespace(groups=(("link", 0),), rate=20.0),
         model_fit=SimpleNamespace(model=(term,)),
-        plain=SimpleNamespace(torque=lambda *_: {0: np.array([torque, -torque])}),
+        plain=SimpleNamespace(
+            torque=lambda *_: {0: np.array([torque, -torque])},
+            left=lambda *_: [np.full(100, np.hypot(left, noise))],
+        ),
+        counted=lambda *_: np.ones(100, dtype=bool),
         rms=lambda *_: np.array([np.hypot(left, noise)]),
         floor=SimpleNamespace(rms=np.full((2, 1), noise)),
     )
@@ -201,6 +205,7 @@ def test_what_passes_as_noise_does_not_make_a_remainder_large() -> None:
     found = replace(found, remainder=replace(found.remainder, failing=frozenset({("velocity", "hinge")})))
     seen = evidence(0.0, 0.0)
     seen.design.groups = (("link", 0), ("velocity", 0))
+    seen.plain.left = lambda *_: [np.full(100, 1.1), np.full(100, 0.9)]
     seen.prepared = (recording(2.0, RANGE),)
     seen.floor.rms = np.array([[1.0, 1.0]])
     seen.rms = lambda *_: np.array([1.1, 0.9])
@@ -223,12 +228,29 @@ def test_motion_stays_near_within_its_noise(after: float, near: bool) -> None:
     assert stays_near(rollout, {"hinge": 1.02 * DRIFT})
 
 
+@pytest.mark.parametrize(
+    ("moment", "counts", "verdict"),
+    [(1.0, True, "no_gap"), (4.0, True, "unexplained"), (4.0, False, "no_gap")],
+)
+def test_what_lasts_for_a_moment_is_judged_while_it_lasts(moment: float, counts: bool, verdict: str) -> None:
+    """A cable that snags for half a second of a long recording: little by its mean, and not by itself."""
+    found = diagnosis(verdict="unexplained", explained=False)
+    seen = evidence(0.0, 0.05, noise=0.05)
+    left, rows = np.full(1000, 0.05), np.ones(1000, dtype=bool)
+    left[500:510] = 0.05 * moment
+    rows[500:510] = counts
+    seen.plain.left = lambda *_: [left]
+    seen.counted = lambda *_: rows
+    assert set_small_aside(found, seen, 0.01).verdict == verdict
+
+
 def test_another_joint_whose_noise_is_large_does_not_make_a_remainder_large() -> None:
     """A flange that carries hardly any torque, beside a shoulder at which a little is left."""
     found = diagnosis(verdict="unexplained", explained=False)
     found = replace(found, remainder=replace(found.remainder, failing=frozenset({("link", "hinge")})))
     seen = evidence(0.0, 0.0)
     seen.design.groups = (("link", 0), ("link", 1))
+    seen.plain.left = lambda *_: [np.full(100, 1.001), np.full(100, 1.1)]
     tree = SimpleNamespace(joints=("hinge", "flange"))
     load = np.array([[-4.0, -0.1], [4.0, 0.1]])
     seen.prepared = (SimpleNamespace(load=load, position=load, velocity=load, tree=tree),)

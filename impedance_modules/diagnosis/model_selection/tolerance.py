@@ -17,11 +17,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.model_selection.cause_search import SIGMA
 from impedance_modules.diagnosis.model_selection.conclusion import SHARE_THAT_MATTERS, verdict_of
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
+from impedance_modules.diagnosis.model_selection.lack_of_fit import MOMENT
 from impedance_modules.diagnosis.regression.candidates import Group
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.diagnosis.result import Cause, Diagnosis, Remainder, Rollout
@@ -30,6 +32,9 @@ from impedance_modules.effects.residual_kinds import uses_motion
 
 CHANGED = 1.21
 """Power of the simulated motion's error without a cause over that with it, from which the cause changes the motion."""
+
+MOMENT_OF_NOISE = 4.0
+"""Power of half a second over the mean that noise reaches."""
 
 DRIFT = 1.5
 """Simulated error over its noise, beyond which what remains changes the motion."""
@@ -78,13 +83,14 @@ def _within(found: Diagnosis) -> Remainder:
 def _left_is_small(found: Diagnosis, evidence: Evidence, limits: Array) -> bool:
     """Whether what remains beside noise is within the limits (groups,) in every comparison that does not pass as noise.
 
-    Where none is known, in all of them.
+    Where none is known, in all of them. What lasts for a moment is judged while it lasts.
     """
     joints, failing = evidence.prepared[0].tree.joints, found.remainder.failing
     judged = [
         not failing or (residual, joints[joint]) in failing for residual, joint in evidence.design.groups
     ]
-    return bool(np.all((beside_noise(evidence) <= limits)[judged]))
+    calm = worst_moment(evidence) <= limits**2 + MOMENT_OF_NOISE * np.mean(evidence.floor.rms**2, axis=0)
+    return bool(np.all(((beside_noise(evidence) <= limits) & calm)[judged]))
 
 
 def beside_noise(evidence: Evidence) -> Array:
@@ -92,6 +98,19 @@ def beside_noise(evidence: Evidence) -> Array:
     left = evidence.rms(evidence.model_fit, range(len(evidence.prepared)))
     noise = np.mean(evidence.floor.rms**2, axis=0)
     return np.asarray(np.sqrt(np.clip(left**2 - noise, 0.0, None)))
+
+
+def worst_moment(evidence: Evidence) -> Array:
+    """(groups,) largest mean square of half a second of what the model leaves, in each group's unit squared."""
+    size = max(2, round(MOMENT * evidence.design.rate))
+    worst = np.zeros(len(evidence.design.groups))
+    for r in range(len(evidence.prepared)):
+        for g, left in enumerate(evidence.plain.left(evidence.model_fit, r)):
+            rows = left[evidence.counted(r, g)]
+            if len(rows) >= size:
+                moments = sliding_window_view(rows, size)
+                worst[g] = max(worst[g], float(np.mean(moments**2, axis=1).max()))
+    return worst
 
 
 def is_small(cause: Cause, evidence: Evidence, limits: Array) -> bool:

@@ -187,7 +187,8 @@ def deflection_cutoffs(log: Log) -> Array:
     the derivative.
     """
     if log.effort is not None and log.effort_source == "joint_sensor":
-        found = [_cutoff(column, log.rate) for column in log.effort.T]
+        # A torque's noise is near its signal: single frequencies of it, differentiated, would pass for all there is.
+        found = [_cutoff(column, log.rate, bins=BINS, beyond=NOISE_ONLY) for column in log.effort.T]
     else:
         found = [_cutoff(column, log.rate, derivatives=4) for column in log.position.T]
     return np.array([BAND_LEAST if cutoff is None else max(cutoff, BAND_LEAST) for cutoff in found])
@@ -245,15 +246,30 @@ def _white_level(power: Array, frequency: Array) -> Array:
     return np.asarray(np.median(power[beyond], axis=0) / np.log(2.0))
 
 
-def _cutoff(position: Array, rate: float, derivatives: int = 2) -> float | None:
-    """End of the band of one joint, by so many derivatives of its position; None where noise is all there is."""
-    power = periodogram(position)
-    frequency = np.asarray(np.fft.rfftfreq(len(position), 1.0 / rate), dtype=float)
-    noise = float(_white_level(power, frequency / rate))
+def _cutoff(
+    values: Array,
+    rate: float,
+    derivatives: int = 2,
+    *,
+    bins: int = 1,
+    beyond: tuple[float, float] = (0.35, 0.5),
+) -> float | None:
+    """End of the band of one joint, by so many derivatives of its readings; None where noise is all there is.
+
+    Args:
+        values: (N,) readings.
+        rate: Of them [Hz].
+        derivatives: How often they are differentiated.
+        bins: Neighbouring frequencies that must stand out of the noise together to be motion.
+        beyond: Frequencies that hold noise alone [cycles per sample].
+    """
+    power = periodogram(values)
+    frequency = np.fft.rfftfreq(len(values), 1.0 / rate)
+    alone = (frequency > beyond[0] * rate) & (frequency <= beyond[1] * rate)
+    noise = float(np.median(power[alone])) / np.log(2.0)
     lift = (2.0 * np.pi * frequency) ** (2 * derivatives)
     noise_power = np.cumsum(lift * noise)
-    # Noise alone has single frequencies far above its level; lifted, those of the highest ones would be all there is.
-    moves = uniform_filter1d(power, BINS) > NOISE_EXCESS * noise
+    moves = uniform_filter1d(power, bins) > NOISE_EXCESS * noise
     signal_power = np.cumsum(lift * np.clip(power - noise, 0.0, None) * moves)
     if signal_power[-1] == 0.0:
         return None
