@@ -53,7 +53,10 @@ def low_passed(values: Array, rate: float, cutoffs: Array) -> Array:
 
     out = np.empty_like(values)
     for j, cutoff in enumerate(cutoffs):
-        out[:, j] = sosfiltfilt(_low_pass(min(float(cutoff), 0.4 * rate) / rate), values[:, j], axis=0)
+        sections = _low_pass(min(float(cutoff), 0.4 * rate) / rate)
+        # A short segment is continued by all that it has.
+        continued = min(3 * (2 * len(sections) + 1), len(values) - 1)
+        out[:, j] = sosfiltfilt(sections, values[:, j], axis=0, padlen=continued)
     return out
 
 

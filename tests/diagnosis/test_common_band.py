@@ -14,7 +14,7 @@ from impedance_modules.diagnosis.residuals.band import (
     choose_band,
     deflection_cutoffs,
 )
-from impedance_modules.effects.recorded_signals import differentiate
+from impedance_modules.effects.recorded_signals import differentiate, low_passed
 
 
 def log(rate: float, seed: int) -> Log:
@@ -135,3 +135,12 @@ def test_single_frequencies_of_noise_are_no_load_that_may_be_differentiated(seed
     thinned = CommonBand.of(500.0, 20.0).thin((0.04 * np.sin(2.0 * np.pi * 5.0 * time) + noise)[:, None])
     one = Log("run", "run", 250.0, 0.0 * thinned, None, thinned, None, None, "joint_sensor", "none")
     assert 4.0 < deflection_cutoffs(one)[0] < 7.0
+
+
+@pytest.mark.parametrize("rows", [12, 15, 16, 200])
+def test_a_segment_of_a_few_rows_is_filtered_by_what_it_has(rows):
+    """Of a recording of a few seconds, hardly more rows are left than a filter usually continues at each end."""
+    line = np.linspace(-1.0, 2.0, rows)[:, None]
+    kept = low_passed(line, 10.0, np.array([1.0]))
+    assert low_passed(0.0 * line + 3.0, 10.0, np.array([1.0])) == pytest.approx(0.0 * line + 3.0)
+    assert np.abs(kept - line).max() < 0.1 * np.ptp(line)
