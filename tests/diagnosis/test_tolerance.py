@@ -244,6 +244,19 @@ def test_what_lasts_for_a_moment_is_judged_while_it_lasts(moment: float, counts:
     assert set_small_aside(found, seen, 0.01).verdict == verdict
 
 
+@pytest.mark.parametrize(("after", "near"), [(0.0099, True), (0.0101, False)])
+def test_a_share_of_the_motion_is_near_beside_no_cause_that_matters(after: float, near: bool) -> None:
+    """The joint moves by 1 rad; a wrong name beside a small remainder comes as near."""
+    position = {"hinge": RolloutError(0.02, after, 0.001, "rad")}
+    alone = diagnosis(verdict="unexplained", explained=False)
+    alone = replace(alone, rollout=replace(alone.rollout, position=position))
+    found = set_small_aside(alone, evidence(0.0, 0.05), 0.01)
+    assert found.verdict == ("no_gap" if near else "unexplained")
+    beside = diagnosis(cause(1.3), verdict="partly_explained", explained=False)
+    beside = replace(beside, rollout=replace(beside.rollout, position=position))
+    assert set_small_aside(beside, evidence(0.2, 0.05), 0.01).verdict == "partly_explained"
+
+
 def test_another_joint_whose_noise_is_large_does_not_make_a_remainder_large() -> None:
     """A flange that carries hardly any torque, beside a shoulder at which a little is left."""
     found = diagnosis(verdict="unexplained", explained=False)

@@ -56,9 +56,12 @@ def set_small_aside(found: Diagnosis, evidence: Evidence, tolerance: float) -> D
         return found
     limits = tolerance * ranges(evidence.prepared, evidence.design.groups)
     small = [cause for cause in found.causes if is_small(cause, evidence, limits)]
-    alike = found.remainder.of_velocities or stays_near(found.rollout, _near(evidence, tolerance))
+    nothing = len(small) == len(found.causes)
+    # What a cause that matters leaves is held to the noise alone: a wrong name comes near, too.
+    near = _near(evidence, tolerance if nothing else 0.0)
+    alike = found.remainder.of_velocities or stays_near(found.rollout, near)
     passes = found.remainder.explained or (_left_is_small(found, evidence, limits) and alike)
-    if len(small) == len(found.causes):
+    if nothing:
         return _without_gap(found) if passes else found
     minor = tuple(cause for cause in small if cause.weight < SHARE_THAT_MATTERS)
     kept = tuple(cause for cause in found.causes if cause not in minor)
