@@ -34,7 +34,9 @@ def whitening_by(noise: np.ndarray, X: np.ndarray, made: np.ndarray, monkeypatch
     """Weak floor of one recording's residual beside columns, its positions' noise made up."""
     monkeypatch.setattr(judged, "made_by_positions", lambda *_: SimpleNamespace(of=lambda _: made))
     item = SimpleNamespace(
-        band=SimpleNamespace(cutoff=4.0, step=20, rate=200.0), log=SimpleNamespace(effort=None)
+        band=SimpleNamespace(cutoff=4.0, step=20, rate=200.0),
+        log=SimpleNamespace(effort=None, effort_steps=None),
+        signals=SimpleNamespace(n=1),
     )
     nuisance = NuisanceColumns((GROUP,), 0, (np.zeros(0, int),), ((np.zeros((len(noise), 0)),),), {})
     regressor = CandidateRegressor(None, {}, ("generic", "link.0", "random"), [{GROUP: X}])
@@ -174,7 +176,7 @@ def sensed(noise: float, *, behind: str) -> SimpleNamespace:
     )
     smooth = slow if signals.measures_springs else lambda values: values
     band = SimpleNamespace(smooth=smooth, condense=lambda values: values)
-    log = SimpleNamespace(effort=one.log.effort, samples=len(one.log.effort), rate=100.0)
+    log = SimpleNamespace(effort=one.log.effort, samples=len(one.log.effort), rate=100.0, effort_steps=None)
     return SimpleNamespace(log=log, signals=signals, band=band)
 
 
@@ -202,6 +204,14 @@ def test_without_a_sensor_there_is_no_noise_of_one() -> None:
     item = sensed(1.0, behind="motor")
     item.log.effort = None
     assert not sensor_powers([item], GROUPS).any()
+
+
+def test_what_a_coarse_grid_makes_of_a_slow_torque_is_not_read_beyond_the_motion() -> None:
+    """It stands still where nothing moves, and is off by as much."""
+    items = [sensed(0.5, behind="motor"), sensed(0.5, behind="motor")]
+    items[1].log.effort_steps = np.array([0.0, 0.3])
+    own = sensor_powers(items, GROUPS)
+    assert not own[:, [1, 3]].any() and (own[:, [0, 2]] > 0.1).all()
 
 
 def test_a_pair_of_which_hardly_a_row_counts_shows_no_noise_beside_others() -> None:
@@ -250,6 +260,7 @@ def _swaying(inertia: float, sway: float, seed: int) -> SimpleNamespace:
     log = SimpleNamespace(
         position=(q + 1e-6 * random.standard_normal(len(q)))[:, None], rounding=None, rate=rate,
         samples=len(q), effort=np.full((len(q), 1), 1.0) + 0.01 * random.standard_normal((len(q), 1)), group="one",
+        effort_steps=None,
     )  # fmt: skip
     signals = SimpleNamespace(
         n=1,

@@ -163,15 +163,18 @@ def position_powers(made: Sequence[Rounding], groups: Sequence[Group]) -> Array:
 def sensor_powers(prepared: Sequence[Prepared], groups: Sequence[Group]) -> Array:
     r"""Mean squares of what white noise of the torque sensors makes of the residuals, (recordings, groups).
 
-    Zero without a sensor. One that measures the springs' torques tells the rotors' motion, too:
-    I_r c \ddot{n} + b c \dot{n} is added to its noise n in the residual of the actuators.
+    Zero without a sensor, and for one with a coarse grid. One that measures the springs' torques tells the rotors'
+    motion, too: I_r c \ddot{n} + b c \dot{n} is added to its noise n in the residual of the actuators.
     """
     own = np.zeros((len(prepared), len(groups)))
+    # A coarse reading of a slow torque stands still: what is read beyond the motion is not what rounding makes in it.
+    steps = [item.log.effort_steps for item in prepared if item.log.effort_steps is not None]
+    coarse = np.any([np.zeros(prepared[0].signals.n), *steps], axis=0)
     for r, item in enumerate(prepared):
         if item.log.effort is not None:
             links, drives = (np.mean(part**2, axis=0) for part in _sensed_noise(item, item.log.effort, r))
             for g, (residual, joint) in enumerate(groups):
-                if EFFORT_SIGN[residual]:
+                if EFFORT_SIGN[residual] and not coarse[joint]:
                     own[r, g] = (drives if residual == "actuator" else links)[joint]
     return own
 
