@@ -26,25 +26,17 @@ from impedance_modules.diagnosis.data.log import DataReport
 from impedance_modules.diagnosis.data.motor_torques import with_motor_torques
 from impedance_modules.diagnosis.data.nominal_model import NominalModel, with_known_effects
 from impedance_modules.diagnosis.data.rigid_dynamics import BatchedRigidModel
-from impedance_modules.diagnosis.model_selection.cause_search import CandidateKey, Progress, search_causes
+from impedance_modules.diagnosis.model_selection.cause_search import Progress
 from impedance_modules.diagnosis.model_selection.conclusion import (
-    SHARE_THAT_MATTERS,
     causes_of_model,
     compensation_note,
     conclude,
 )
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
-from impedance_modules.diagnosis.model_selection.external_pushes import push_notes
-from impedance_modules.diagnosis.model_selection.naming import (
-    Refusal,
-    rejected_by_motion,
-    terms_of,
-    unlikely,
-    without_causes,
-    without_negligible,
-)
+from impedance_modules.diagnosis.model_selection.naming import rejected_by_motion, unlikely
 from impedance_modules.diagnosis.model_selection.object_search import with_held_object
 from impedance_modules.diagnosis.model_selection.probability import with_probabilities
+from impedance_modules.diagnosis.model_selection.repeated_search import RepeatedSearch
 from impedance_modules.diagnosis.model_selection.surface_search import with_surfaces
 from impedance_modules.diagnosis.model_selection.swallowed import swallowed_by_priors
 from impedance_modules.diagnosis.model_selection.tolerance import set_small_aside
@@ -57,7 +49,6 @@ from impedance_modules.diagnosis.residuals.gap_mask import gap_note
 from impedance_modules.diagnosis.residuals.preparation import Prepared, prepare
 from impedance_modules.diagnosis.result import (
     DEFAULT_TOLERANCE,
-    Cause,
     Diagnosis,
     LeftOut,
     Remainder,
@@ -65,16 +56,12 @@ from impedance_modules.diagnosis.result import (
 )
 from impedance_modules.diagnosis.rollout.rollout_stage import with_rollouts
 from impedance_modules.effects.catalogue import not_searched
-from impedance_modules.effects.external_contact import ExternalContact
 from impedance_modules.episode.data import Episode
 from impedance_modules.spec.patch_file import EffectSpec
 from impedance_modules.worker_processes import OrderedMap, map_here
 
 ROWS_MIN = 12
 """Fewest samples in the band that a recording must give."""
-
-REFUSED_MAX = 3
-"""Candidates without which the causes are searched again, at most: each time takes as long as the first."""
 
 USUAL_SHARES: Mapping[str, float] = {
     "admitting the recordings": 0.0,
@@ -133,7 +120,7 @@ def diagnose(
     prepared = tuple(each(work, split.logs))
     split, prepared = _long_enough(split, prepared)
     whole, prepared = prepared, without_links_in_contact(prepared, split.fitted)
-    search = CauseSearch(
+    search = RepeatedSearch(
         prepared, split, model, {*without, *not_searched(under_water=under_water)}, progress, each
     )
     said = (*split.warnings, *contact_note(prepared, split.fitted), *gap_note(prepared))
@@ -156,61 +143,6 @@ def diagnose(
     progress("comparing what the hands hold with the task's object")
     found = with_held_object(found, whole, evidence, known_effects, without, tolerance)
     return with_probabilities(found, repeats=not evidence.floor.weak)
-
-
-class CauseSearch:
-    """The causes of the residuals, searched again without those that were refused if they carried the gap.
-
-    Attributes:
-        evidence: With the causes that stand.
-        notes: What was left out of rows and names, in words.
-    """
-
-    def __init__(
-        self,
-        prepared: tuple[Prepared, ...],
-        split: DataSplit,
-        model: NominalModel,
-        without: set[str],
-        progress: Progress,
-        each: OrderedMap,
-    ) -> None:
-        """Searches; the arguments are those of `search_causes`."""
-        self._search = partial(search_causes, prepared, split, model, progress=progress, each=each)
-        self._prepared, self._without, self._progress = prepared, without, progress
-        self._refused: set[CandidateKey] = set()
-        self._refusals: tuple[str, ...] = ()
-        self.evidence, self.notes = self._found()
-
-    def replace(self, refusals: Sequence[Refusal], causes: Sequence[Cause]) -> None:
-        """Does without some of the causes; where they carried what is explained, others may take their place."""
-        explained, theirs = (
-            sum(cause.weight for cause in part) for part in (causes, [refusal.cause for refusal in refusals])
-        )
-        if theirs < SHARE_THAT_MATTERS * explained or len(self._refused) >= REFUSED_MAX:
-            self.leave_out(refusals)
-            return
-        self._refusals = (*self._refusals, *(refusal.words for refusal in refusals))
-        self._refused.update(term.key for term in terms_of(self.evidence, refusals))
-        self.evidence, self.notes = self._found()
-
-    def leave_out(self, refusals: Sequence[Refusal]) -> None:
-        """Does without causes; rows of a push that was none count again."""
-        words = tuple(refusal.words for refusal in refusals)
-        if any(refusal.cause.effect == ExternalContact.description.id for refusal in refusals):
-            self._without.add(ExternalContact.description.id)
-            self._refusals = (*self._refusals, *words)
-            self.evidence, self.notes = self._found()
-            return
-        self.evidence, uncertain = without_causes(self.evidence, refusals)
-        self.notes = (*self.notes, *words, *uncertain)
-
-    def _found(self) -> tuple[Evidence, tuple[str, ...]]:
-        self._progress("evaluating candidates")
-        evidence = self._search(without=self._without, refused=self._refused)
-        evidence, small = without_negligible(evidence)
-        pushed = push_notes(evidence.pushes, self._prepared)
-        return evidence, (*pushed, *evidence.notes, *self._refusals, *small)
 
 
 def _concluded(

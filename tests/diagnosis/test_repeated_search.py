@@ -9,11 +9,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from impedance_modules.diagnosis import diagnose as stages
-from impedance_modules.diagnosis.diagnose import REFUSED_MAX, CauseSearch
 from impedance_modules.diagnosis.model_selection import probability
+from impedance_modules.diagnosis.model_selection import repeated_search as stages
 from impedance_modules.diagnosis.model_selection.naming import Refusal
 from impedance_modules.diagnosis.model_selection.probability import LAW, LIKELY_MIN, Grounds, unlikely_causes
+from impedance_modules.diagnosis.model_selection.repeated_search import REFUSED_MAX, RepeatedSearch
 from impedance_modules.effects.regressor import Site
 from impedance_modules.effects.sensor_effects import READING_MAX, TorqueGain
 
@@ -56,8 +56,8 @@ def refused(*causes: SimpleNamespace) -> tuple[Refusal, ...]:
     return tuple(Refusal(one, "makes it worse") for one in causes)
 
 
-def search() -> CauseSearch:
-    return CauseSearch((), None, None, {"water"}, lambda _: None, map)
+def search() -> RepeatedSearch:
+    return RepeatedSearch((), None, None, {"water"}, lambda _: None, map)
 
 
 def test_without_a_refused_cause_another_is_found(asked) -> None:

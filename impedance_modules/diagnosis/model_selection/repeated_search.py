@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The search of causes, repeated without those that were refused: others may explain the same, and the motion, too."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+from impedance_modules.diagnosis.data.folds import DataSplit
+from impedance_modules.diagnosis.data.nominal_model import NominalModel
+from impedance_modules.diagnosis.model_selection.cause_search import CandidateKey, Progress, search_causes
+from impedance_modules.diagnosis.model_selection.conclusion import SHARE_THAT_MATTERS
+from impedance_modules.diagnosis.model_selection.evidence import Evidence
+from impedance_modules.diagnosis.model_selection.external_pushes import push_notes
+from impedance_modules.diagnosis.model_selection.naming import (
+    Refusal,
+    terms_of,
+    without_causes,
+    without_negligible,
+)
+from impedance_modules.diagnosis.residuals.preparation import Prepared
+from impedance_modules.diagnosis.result import Cause
+from impedance_modules.effects.external_contact import ExternalContact
+from impedance_modules.worker_processes import OrderedMap
+
+REFUSED_MAX = 3
+"""Candidates without which the causes are searched again, at most: each time takes as long as the first."""
+
+
+class RepeatedSearch:
+    """The causes of the residuals, searched again without those that were refused if they carried the gap.
+
+    Attributes:
+        evidence: With the causes that stand.
+        notes: What was left out of rows and names, in words.
+    """
+
+    def __init__(
+        self,
+        prepared: tuple[Prepared, ...],
+        split: DataSplit,
+        model: NominalModel,
+        without: set[str],
+        progress: Progress,
+        each: OrderedMap,
+    ) -> None:
+        """Searches; the arguments are those of `search_causes`."""
+        self._search = partial(search_causes, prepared, split, model, progress=progress, each=each)
+        self._prepared, self._without, self._progress = prepared, without, progress
+        self._refused: set[CandidateKey] = set()
+        self._refusals: tuple[str, ...] = ()
+        self.evidence, self.notes = self._found()
+
+    def replace(self, refusals: Sequence[Refusal], causes: Sequence[Cause]) -> None:
+        """Does without some of the causes; where they carried what is explained, others may take their place."""
+        explained, theirs = (
+            sum(cause.weight for cause in part) for part in (causes, [refusal.cause for refusal in refusals])
+        )
+        if theirs < SHARE_THAT_MATTERS * explained or len(self._refused) >= REFUSED_MAX:
+            self.leave_out(refusals)
+            return
+        self._refusals = (*self._refusals, *(refusal.words for refusal in refusals))
+        self._refused.update(term.key for term in terms_of(self.evidence, refusals))
+        self.evidence, self.notes = self._found()
+
+    def leave_out(self, refusals: Sequence[Refusal]) -> None:
+        """Does without causes; rows of a push that was none count again."""
+        words = tuple(refusal.words for refusal in refusals)
+        if any(refusal.cause.effect == ExternalContact.description.id for refusal in refusals):
+            self._without.add(ExternalContact.description.id)
+            self._refusals = (*self._refusals, *words)
+            self.evidence, self.notes = self._found()
+            return
+        self.evidence, uncertain = without_causes(self.evidence, refusals)
+        self.notes = (*self.notes, *words, *uncertain)
+
+    def _found(self) -> tuple[Evidence, tuple[str, ...]]:
+        self._progress("evaluating candidates")
+        evidence = self._search(without=self._without, refused=self._refused)
+        evidence, small = without_negligible(evidence)
+        pushed = push_notes(evidence.pushes, self._prepared)
+        return evidence, (*pushed, *evidence.notes, *self._refusals, *small)
