@@ -15,7 +15,7 @@ from scipy.stats import chi2
 from impedance_modules.diagnosis.model_selection import naming
 from impedance_modules.diagnosis.model_selection.naming import (
     LEAST_WEIGHT,
-    Refusal,
+    UnnamedCause,
     rejected_by_motion,
     without_causes,
     without_negligible,
@@ -107,7 +107,7 @@ def test_what_worsens_the_simulated_motion_is_refused(monkeypatch: pytest.Monkey
 def test_what_is_certain_only_beside_a_refused_cause_goes_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(naming, "significant_terms", certain_unless(ripple="payload"))
     before = evidence(spring=5.0, ripple=3.0, payload=1.0)
-    found, notes = without_causes(before, [Refusal(cause("payload", None), "is none")])
+    found, notes = without_causes(before, [UnnamedCause(cause("payload", None), "is none")])
     assert named(found) == ["spring"]
     assert len(notes) == 1 and "ripple on elbow, whose numbers alone" in notes[0]
 

@@ -11,7 +11,7 @@ import pytest
 
 from impedance_modules.diagnosis.model_selection import probability
 from impedance_modules.diagnosis.model_selection import repeated_search as stages
-from impedance_modules.diagnosis.model_selection.naming import Refusal
+from impedance_modules.diagnosis.model_selection.naming import UnnamedCause
 from impedance_modules.diagnosis.model_selection.probability import LAW, LIKELY_MIN, Grounds, unlikely_causes
 from impedance_modules.diagnosis.model_selection.repeated_search import REFUSED_MAX, RepeatedSearch
 from impedance_modules.effects.regressor import Site
@@ -22,7 +22,7 @@ ORDER = ("crosstalk", "base_tilt", "torque_offset", "payload", "torque_gain")
 
 
 def left_alone(
-    evidence: SimpleNamespace, refusals: tuple[Refusal, ...]
+    evidence: SimpleNamespace, refusals: tuple[UnnamedCause, ...]
 ) -> tuple[SimpleNamespace, tuple[str]]:
     return SimpleNamespace(model_fit=evidence.model_fit, pushes=(), notes=(), left=refusals), ("alone",)
 
@@ -52,8 +52,8 @@ def cause(effect: str, weight: float = 1.0) -> SimpleNamespace:
     return SimpleNamespace(effect=effect, port=port, joints=("lift",), weight=weight)
 
 
-def refused(*causes: SimpleNamespace) -> tuple[Refusal, ...]:
-    return tuple(Refusal(one, "makes it worse") for one in causes)
+def refused(*causes: SimpleNamespace) -> tuple[UnnamedCause, ...]:
+    return tuple(UnnamedCause(one, "makes it worse") for one in causes)
 
 
 def search() -> RepeatedSearch:

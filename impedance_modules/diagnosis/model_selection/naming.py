@@ -73,7 +73,7 @@ def without_uncertain(evidence: Evidence) -> tuple[Evidence, tuple[str, ...]]:
 
 
 @dataclass(frozen=True)
-class Refusal:
+class UnnamedCause:
     """A cause that is not named.
 
     Attributes:
@@ -90,10 +90,10 @@ class Refusal:
         return f"not named: {self.cause.effect} on {', '.join(self.cause.joints) or 'all joints'}, which {self.reason}"
 
 
-def rejected_by_motion(causes: Sequence[Cause]) -> tuple[Refusal, ...]:
+def rejected_by_motion(causes: Sequence[Cause]) -> tuple[UnnamedCause, ...]:
     """Causes with which the simulated motion is worse than without."""
     return tuple(
-        Refusal(
+        UnnamedCause(
             cause,
             "explains torque but makes the simulated motion worse, error power by"
             f" {1.0 / cause.rollout.ratio:.3g}",
@@ -103,7 +103,7 @@ def rejected_by_motion(causes: Sequence[Cause]) -> tuple[Refusal, ...]:
     )
 
 
-def unlikely(found: Diagnosis, *, repeats: bool) -> tuple[Refusal, ...]:
+def unlikely(found: Diagnosis, *, repeats: bool) -> tuple[UnnamedCause, ...]:
     """Causes that are probably none; with those that the recordings cannot tell from them.
 
     Args:
@@ -114,16 +114,16 @@ def unlikely(found: Diagnosis, *, repeats: bool) -> tuple[Refusal, ...]:
         ValueError: There are causes and no remainder was judged.
     """
     reason = f"is less than {100.0 * LIKELY_MIN:.3g} % likely"
-    return tuple(Refusal(cause, reason) for cause in unlikely_causes(found, repeats=repeats))
+    return tuple(UnnamedCause(cause, reason) for cause in unlikely_causes(found, repeats=repeats))
 
 
-def terms_of(evidence: Evidence, refusals: Sequence[Refusal]) -> list[ModelTerm]:
+def terms_of(evidence: Evidence, refusals: Sequence[UnnamedCause]) -> list[ModelTerm]:
     """Terms of the model that stand for causes."""
     keys = {(refusal.cause.effect, refusal.cause.port) for refusal in refusals}
     return [term for term in evidence.model_fit.model if (term.key[0], term.key[2]) in keys]
 
 
-def without_causes(evidence: Evidence, refusals: Sequence[Refusal]) -> tuple[Evidence, tuple[str, ...]]:
+def without_causes(evidence: Evidence, refusals: Sequence[UnnamedCause]) -> tuple[Evidence, tuple[str, ...]]:
     """Leaves out causes, and then those that are not certain alone.
 
     Returns:

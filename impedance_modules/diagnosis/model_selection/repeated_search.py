@@ -13,7 +13,7 @@ from impedance_modules.diagnosis.model_selection.conclusion import SHARE_THAT_MA
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.model_selection.external_pushes import push_notes
 from impedance_modules.diagnosis.model_selection.naming import (
-    Refusal,
+    UnnamedCause,
     terms_of,
     without_causes,
     without_negligible,
@@ -51,7 +51,7 @@ class RepeatedSearch:
         self._refusals: tuple[str, ...] = ()
         self.evidence, self.notes = self._found()
 
-    def replace(self, refusals: Sequence[Refusal], causes: Sequence[Cause]) -> None:
+    def replace(self, refusals: Sequence[UnnamedCause], causes: Sequence[Cause]) -> None:
         """Does without some of the causes; where they carried what is explained, others may take their place."""
         explained, theirs = (
             sum(cause.weight for cause in part) for part in (causes, [refusal.cause for refusal in refusals])
@@ -63,7 +63,7 @@ class RepeatedSearch:
         self._refused.update(term.key for term in terms_of(self.evidence, refusals))
         self.evidence, self.notes = self._found()
 
-    def leave_out(self, refusals: Sequence[Refusal]) -> None:
+    def leave_out(self, refusals: Sequence[UnnamedCause]) -> None:
         """Does without causes; rows of a push that was none count again."""
         words = tuple(refusal.words for refusal in refusals)
         if any(refusal.cause.effect == ExternalContact.description.id for refusal in refusals):
