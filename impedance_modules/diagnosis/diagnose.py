@@ -33,7 +33,7 @@ from impedance_modules.diagnosis.model_selection.conclusion import (
     conclude,
 )
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
-from impedance_modules.diagnosis.model_selection.naming import rejected_by_motion, unlikely
+from impedance_modules.diagnosis.model_selection.naming import rejected_by_motion
 from impedance_modules.diagnosis.model_selection.object_search import with_held_object
 from impedance_modules.diagnosis.model_selection.probability import with_probabilities
 from impedance_modules.diagnosis.model_selection.repeated_search import RepeatedSearch
@@ -129,15 +129,11 @@ def diagnose(
         progress("simulating the held-out recordings")
         found = with_rollouts(found, search.evidence, model, urdf, known_effects, each)
         rejected = rejected_by_motion(found.causes)
-        if rejected:
-            search.replace(rejected, found.causes)
-            continue
-        found = set_small_aside(found, search.evidence, tolerance)
-        doubtful = unlikely(found, repeats=not search.evidence.floor.weak)
-        if not doubtful:
+        if not rejected:
             break
-        search.leave_out(doubtful)
+        search.leave_out(rejected, found.causes)
     evidence = search.evidence
+    found = set_small_aside(found, evidence, tolerance)
     progress("comparing contact with the task's surfaces")
     found = with_surfaces(found, whole, evidence, known_effects, without, tolerance)
     progress("comparing what the hands hold with the task's object")

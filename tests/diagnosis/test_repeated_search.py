@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the simulated motion refuses makes room for others; what is unlikely goes, and rows of no push return."""
+"""What the simulated motion refuses makes room for others."""
 
 from __future__ import annotations
 
@@ -9,10 +9,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from impedance_modules.diagnosis.model_selection import probability
 from impedance_modules.diagnosis.model_selection import repeated_search as stages
 from impedance_modules.diagnosis.model_selection.naming import UnnamedCause
-from impedance_modules.diagnosis.model_selection.probability import LAW, LIKELY_MIN, Grounds, unlikely_causes
 from impedance_modules.diagnosis.model_selection.repeated_search import REFUSED_MAX, RepeatedSearch
 from impedance_modules.effects.regressor import Site
 from impedance_modules.effects.sensor_effects import READING_MAX, TorqueGain
@@ -33,7 +31,12 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[set, set]]:
     seen: list[tuple[set, set]] = []
 
     def search(
-        *_: object, without: Collection[str], refused: Collection[tuple], **__: object
+        _prepared: tuple,
+        _split: None,
+        _model: None,
+        without: Collection[str],
+        *_: object,
+        refused: Collection[tuple],
     ) -> SimpleNamespace:
         seen.append((set(without), set(refused)))
         taken = {key[0] for key in refused}
@@ -62,7 +65,7 @@ def search() -> RepeatedSearch:
 
 def test_without_a_refused_cause_another_is_found(asked) -> None:
     found, first = search(), cause("crosstalk")
-    found.replace(refused(first), [first])
+    found.leave_out(refused(first), [first])
     assert asked[1] == ({"water"}, {("crosstalk", "lift", "sensor")})
     assert found.evidence.model_fit.model[0].key[0] == "base_tilt"
     assert found.notes == ("found base_tilt", "not named: crosstalk on lift, which makes it worse")
@@ -70,7 +73,7 @@ def test_without_a_refused_cause_another_is_found(asked) -> None:
 
 def test_a_minor_cause_that_is_refused_starts_no_search(asked) -> None:
     found, minor, major = search(), cause("crosstalk", 0.01), cause("payload", 0.9)
-    found.replace(refused(minor), [major, minor])
+    found.leave_out(refused(minor), [major, minor])
     assert len(asked) == 1 and found.evidence.left[0].cause is minor
     assert found.notes[-2:] == ("not named: crosstalk on lift, which makes it worse", "alone")
 
@@ -78,38 +81,8 @@ def test_a_minor_cause_that_is_refused_starts_no_search(asked) -> None:
 def test_the_search_is_not_repeated_for_ever(asked) -> None:
     found = search()
     for effect in ORDER:
-        found.replace(refused(cause(effect)), [cause(effect)])
+        found.leave_out(refused(cause(effect)), [cause(effect)])
     assert len(asked) == 1 + REFUSED_MAX and len(found.evidence.left) == 1
-
-
-def test_rows_of_a_push_that_was_none_count_again(asked) -> None:
-    found = search()
-    found.leave_out(refused(cause("external_contact")))
-    assert asked[1] == ({"water", "external_contact"}, set())
-    assert found.notes[-1].startswith("not named: external_contact on lift")
-    found.leave_out(refused(cause("payload")))
-    assert len(asked) == 2
-
-
-def grounds(gain: float, **more: object) -> Grounds:
-    known = {
-        "gain": gain, "lead": 0.0, "weight": 1.0, "deviations": 9.0, "lack_of_fit": 2.0, "explained": False,
-        "motion": 0, "repeats": True, "alternatives": 0, "others": 0,
-    }  # fmt: skip
-    return Grounds(**{**known, **more})
-
-
-def test_rivals_make_a_cause_less_likely_and_not_that_one_of_them_is_true() -> None:
-    one, four = grounds(300.0), grounds(300.0, alternatives=4)
-    assert LAW(four) < LAW(one) and LAW.with_alternatives(four) == LAW.with_alternatives(one) == LAW(one)
-
-
-def test_causes_below_one_in_five_are_unlikely(monkeypatch: pytest.MonkeyPatch) -> None:
-    gains = {"payload": 1e4, "crosstalk": 1.0}
-    monkeypatch.setattr(probability, "grounds_of", lambda one, *_, **__: grounds(gains[one.effect]))
-    found = SimpleNamespace(causes=[cause("payload"), cause("crosstalk")])
-    assert LAW(grounds(1e4)) > LIKELY_MIN > LAW(grounds(1.0))
-    assert [one.effect for one in unlikely_causes(found, repeats=True)] == ["crosstalk"]
 
 
 @pytest.mark.parametrize(

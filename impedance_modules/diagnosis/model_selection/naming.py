@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Which accepted terms are named: none that explains next to nothing, is unlikely, or worsens the simulated motion.
+"""Which accepted terms are named: none that explains next to nothing, may be chance, or worsens the simulated motion.
 
 What is not named is no part of the model either: gap, remainder and patch are those of the named causes alone.
 """
@@ -11,9 +11,8 @@ from dataclasses import dataclass, replace
 
 from impedance_modules.diagnosis.model_selection.cause_search import significant_terms
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
-from impedance_modules.diagnosis.model_selection.probability import LIKELY_MIN, unlikely_causes
 from impedance_modules.diagnosis.regression.model_fit import ModelTerm
-from impedance_modules.diagnosis.result import Cause, Diagnosis
+from impedance_modules.diagnosis.result import Cause
 
 LEAST_WEIGHT = 1e-5
 """Part of the explained power below which a cause is not named: a three hundredth of the gap's size."""
@@ -101,20 +100,6 @@ def rejected_by_motion(causes: Sequence[Cause]) -> tuple[UnnamedCause, ...]:
         for cause in causes
         if cause.rollout is not None and cause.rollout.verdict == "worsens"
     )
-
-
-def unlikely(found: Diagnosis, *, repeats: bool) -> tuple[UnnamedCause, ...]:
-    """Causes that are probably none; with those that the recordings cannot tell from them.
-
-    Args:
-        found: The whole result, rollouts included.
-        repeats: Whether repeated motions measured the noise.
-
-    Raises:
-        ValueError: There are causes and no remainder was judged.
-    """
-    reason = f"is less than {100.0 * LIKELY_MIN:.3g} % likely"
-    return tuple(UnnamedCause(cause, reason) for cause in unlikely_causes(found, repeats=repeats))
 
 
 def terms_of(evidence: Evidence, refusals: Sequence[UnnamedCause]) -> list[ModelTerm]:

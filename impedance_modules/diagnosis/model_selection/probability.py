@@ -69,17 +69,10 @@ class ProbabilityLaw:
 
     def __call__(self, grounds: Grounds) -> float:
         """Probability that the cause is true, strictly between 0 and 1."""
-        return self.with_alternatives(grounds) / (1.0 + self.alternative * grounds.alternatives)
-
-    def with_alternatives(self, grounds: Grounds) -> float:
-        """Probability that the cause is true or one of those that the recordings cannot tell from it."""
         x = dict(zip(FEATURES, features(grounds), strict=True))
-        return logistic(self.base + sum(beta * x[name] for name, beta in self.coefficients.items()))
+        odds = self.base + sum(beta * x[name] for name, beta in self.coefficients.items())
+        return logistic(odds) / (1.0 + self.alternative * grounds.alternatives)
 
-
-LIKELY_MIN = 0.2
-"""Least probability of a cause that is named, alternatives included: of thirteen below it in simulated recordings, two
-were true, pushes of which half had been missed."""
 
 LAW = ProbabilityLaw(
     base=-3.613,
@@ -133,25 +126,6 @@ def with_probabilities(found: Diagnosis, *, repeats: bool, law: ProbabilityLaw =
         for part in (found.causes, found.small)
     )
     return replace(found, causes=causes, small=small)
-
-
-def unlikely_causes(found: Diagnosis, *, repeats: bool, law: ProbabilityLaw = LAW) -> tuple[Cause, ...]:
-    """Causes that are not named: that each, or what the recordings cannot tell from it, is true is too unlikely.
-
-    Args:
-        found: The whole result, rollouts included.
-        repeats: Whether repeated motions measured the noise.
-        law: The law.
-
-    Raises:
-        ValueError: There are causes and no remainder was judged.
-    """
-    others = len(found.causes) - 1
-    return tuple(
-        cause
-        for cause in found.causes
-        if law.with_alternatives(grounds_of(cause, found, others, repeats=repeats)) < LIKELY_MIN
-    )
 
 
 def grounds_of(cause: Cause, found: Diagnosis, others: int, *, repeats: bool) -> Grounds:

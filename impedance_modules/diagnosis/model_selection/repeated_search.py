@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from functools import partial
 
 from impedance_modules.diagnosis.data.folds import DataSplit
@@ -20,7 +20,6 @@ from impedance_modules.diagnosis.model_selection.naming import (
 )
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.diagnosis.result import Cause
-from impedance_modules.effects.external_contact import ExternalContact
 from impedance_modules.worker_processes import OrderedMap
 
 REFUSED_MAX = 3
@@ -40,43 +39,34 @@ class RepeatedSearch:
         prepared: tuple[Prepared, ...],
         split: DataSplit,
         model: NominalModel,
-        without: set[str],
+        without: Collection[str],
         progress: Progress,
         each: OrderedMap,
     ) -> None:
         """Searches; the arguments are those of `search_causes`."""
-        self._search = partial(search_causes, prepared, split, model, progress=progress, each=each)
-        self._prepared, self._without, self._progress = prepared, without, progress
+        self._search = partial(search_causes, prepared, split, model, without, progress, each)
+        self._prepared, self._progress = prepared, progress
         self._refused: set[CandidateKey] = set()
         self._refusals: tuple[str, ...] = ()
         self.evidence, self.notes = self._found()
 
-    def replace(self, refusals: Sequence[UnnamedCause], causes: Sequence[Cause]) -> None:
+    def leave_out(self, refusals: Sequence[UnnamedCause], causes: Sequence[Cause]) -> None:
         """Does without some of the causes; where they carried what is explained, others may take their place."""
+        words = tuple(refusal.words for refusal in refusals)
         explained, theirs = (
             sum(cause.weight for cause in part) for part in (causes, [refusal.cause for refusal in refusals])
         )
-        if theirs < SHARE_THAT_MATTERS * explained or len(self._refused) >= REFUSED_MAX:
-            self.leave_out(refusals)
-            return
-        self._refusals = (*self._refusals, *(refusal.words for refusal in refusals))
-        self._refused.update(term.key for term in terms_of(self.evidence, refusals))
-        self.evidence, self.notes = self._found()
-
-    def leave_out(self, refusals: Sequence[UnnamedCause]) -> None:
-        """Does without causes; rows of a push that was none count again."""
-        words = tuple(refusal.words for refusal in refusals)
-        if any(refusal.cause.effect == ExternalContact.description.id for refusal in refusals):
-            self._without.add(ExternalContact.description.id)
+        if theirs >= SHARE_THAT_MATTERS * explained and len(self._refused) < REFUSED_MAX:
             self._refusals = (*self._refusals, *words)
+            self._refused.update(term.key for term in terms_of(self.evidence, refusals))
             self.evidence, self.notes = self._found()
-            return
-        self.evidence, uncertain = without_causes(self.evidence, refusals)
-        self.notes = (*self.notes, *words, *uncertain)
+        else:
+            self.evidence, uncertain = without_causes(self.evidence, refusals)
+            self.notes = (*self.notes, *words, *uncertain)
 
     def _found(self) -> tuple[Evidence, tuple[str, ...]]:
         self._progress("evaluating candidates")
-        evidence = self._search(without=self._without, refused=self._refused)
+        evidence = self._search(refused=self._refused)
         evidence, small = without_negligible(evidence)
         pushed = push_notes(evidence.pushes, self._prepared)
         return evidence, (*pushed, *evidence.notes, *self._refusals, *small)

@@ -167,21 +167,35 @@ def sensor_powers(prepared: Sequence[Prepared], groups: Sequence[Group]) -> Arra
     motion, too: I_r c \ddot{n} + b c \dot{n} is added to its noise n in the residual of the actuators.
     """
     own = np.zeros((len(prepared), len(groups)))
+    efforts = [item.log.effort for item in prepared]
+    if any(effort is None for effort in efforts):
+        return own
+    sizes = _without_chance(np.array([white_noise(effort) for effort in efforts if effort is not None]))
     # A coarse reading of a slow torque stands still: what is read beyond the motion is not what rounding makes in it.
     steps = [item.log.effort_steps for item in prepared if item.log.effort_steps is not None]
     coarse = np.any([np.zeros(prepared[0].signals.n), *steps], axis=0)
     for r, item in enumerate(prepared):
-        if item.log.effort is not None:
-            links, drives = (np.mean(part**2, axis=0) for part in _sensed_noise(item, item.log.effort, r))
-            for g, (residual, joint) in enumerate(groups):
-                if EFFORT_SIGN[residual] and not coarse[joint]:
-                    own[r, g] = (drives if residual == "actuator" else links)[joint]
+        links, drives = (np.mean(part**2, axis=0) for part in _sensed_noise(item))
+        for g, (residual, joint) in enumerate(groups):
+            if EFFORT_SIGN[residual] and not coarse[joint]:
+                own[r, g] = sizes[r, joint] ** 2 * (drives if residual == "actuator" else links)[joint]
     return own
 
 
-def _sensed_noise(item: Prepared, effort: Array, seed: int) -> tuple[Array, Array]:
-    """White noise of efforts (N, n) in the band, (M, n) [N.m]: alone, and with the rotors' motion that it pretends."""
-    noise = white_noise(effort) * np.random.default_rng(seed).standard_normal(effort.shape)
+def _without_chance(sizes: Array) -> Array:
+    """Rms (recordings, n) of noise, those that differ from the usual one by no more than chance made equal to it."""
+    usual = np.median(sizes, axis=0)
+    ratio = (sizes / np.maximum(usual, 1e-300)) ** 2
+    alike = (ratio < SENSOR_NOISE_RATIO[0]) & (ratio > 1.0 / SENSOR_NOISE_RATIO[0])
+    return np.asarray(np.where(alike, usual, sizes))
+
+
+def _sensed_noise(item: Prepared) -> tuple[Array, Array]:
+    """White noise of unit size in the band, (M, n) each: alone, and with the rotors' motion that it pretends.
+
+    The same draw for each recording: they differ by what their springs and filters make of it.
+    """
+    noise = np.random.default_rng(0).standard_normal((item.log.samples, item.signals.n))
     signals, time = item.signals, np.arange(item.log.samples) / item.log.rate
     smooth = item.band.smooth(noise)
     alone = item.band.condense(smooth)
