@@ -85,6 +85,12 @@ def diagnosis(*causes: Cause, verdict: str = "explained", explained: bool = True
     )
 
 
+def unexplained_at(*places: tuple[str, str]) -> Diagnosis:
+    """Nothing is named, and more than noise is left in comparisons (residual, joint)."""
+    found = diagnosis(verdict="unexplained", explained=False)
+    return replace(found, remainder=replace(found.remainder, failing=frozenset(places)))
+
+
 def evidence(torque: float, left: float, noise: float = 0.0) -> SimpleNamespace:
     """One cause with a torque of this rms, and what remains beside noise of another [N.m]."""
     key = ("coulomb_friction", "hinge", "link")
@@ -189,10 +195,9 @@ def test_small_remainders_of_velocities_alone_change_no_simulated_motion(
     residuals: set[str], left: float, verdict: str
 ) -> None:
     """A logger's own filter of the velocities was an alarm wherever the simulated motion was not perfect."""
-    found = diagnosis(verdict="unexplained", explained=False)
+    found = unexplained_at(*((residual, "hinge") for residual in residuals))
     far = replace(found.rollout, position={"hinge": RolloutError(0.2, 0.2, 0.02, "rad")})
-    remainder = replace(found.remainder, failing=frozenset((residual, "hinge") for residual in residuals))
-    found = replace(found, rollout=far, remainder=remainder)
+    found = replace(found, rollout=far)
     seen = evidence(0.0, left)
     seen.design.groups = (("velocity", 0),)
     seen.prepared = (recording(2.0, 2.0), recording(2.0, RANGE))
@@ -201,18 +206,15 @@ def test_small_remainders_of_velocities_alone_change_no_simulated_motion(
 
 def test_what_passes_as_noise_does_not_make_a_remainder_large() -> None:
     """A joint with hardly any torque, whose noise is a little more than its floor's, beside reported velocities."""
-    found = diagnosis(verdict="unexplained", explained=False)
-    found = replace(found, remainder=replace(found.remainder, failing=frozenset({("velocity", "hinge")})))
     seen = evidence(0.0, 0.0)
     seen.design.groups = (("link", 0), ("velocity", 0))
     seen.plain.left = lambda *_: [np.full(100, 1.1), np.full(100, 0.9)]
     seen.prepared = (recording(2.0, RANGE),)
     seen.floor.rms = np.array([[1.0, 1.0]])
     seen.rms = lambda *_: np.array([1.1, 0.9])
-    assert set_small_aside(found, seen, 0.01).verdict == "no_gap"
-    both = frozenset({("velocity", "hinge"), ("link", "hinge")})
-    found = replace(found, remainder=replace(found.remainder, failing=both))
-    assert set_small_aside(found, seen, 0.01).verdict == "unexplained"
+    velocity, link = ("velocity", "hinge"), ("link", "hinge")
+    assert set_small_aside(unexplained_at(velocity), seen, 0.01).verdict == "no_gap"
+    assert set_small_aside(unexplained_at(velocity, link), seen, 0.01).verdict == "unexplained"
 
 
 def test_ranges_are_over_all_recordings_and_of_the_residual_s_own_quantity() -> None:
@@ -259,8 +261,6 @@ def test_a_share_of_the_motion_is_near_beside_no_cause_that_matters(after: float
 
 def test_another_joint_whose_noise_is_large_does_not_make_a_remainder_large() -> None:
     """A flange that carries hardly any torque, beside a shoulder at which a little is left."""
-    found = diagnosis(verdict="unexplained", explained=False)
-    found = replace(found, remainder=replace(found.remainder, failing=frozenset({("link", "hinge")})))
     seen = evidence(0.0, 0.0)
     seen.design.groups = (("link", 0), ("link", 1))
     seen.plain.left = lambda *_: [np.full(100, 1.001), np.full(100, 1.1)]
@@ -269,10 +269,9 @@ def test_another_joint_whose_noise_is_large_does_not_make_a_remainder_large() ->
     seen.prepared = (SimpleNamespace(load=load, position=load, velocity=load, tree=tree),)
     seen.floor.rms = np.array([[1.0, 1.0]])
     seen.rms = lambda *_: np.array([1.001, 1.1])
-    assert set_small_aside(found, seen, 0.01).verdict == "no_gap"
-    there = frozenset({("link", "hinge"), ("link", "flange")})
-    found = replace(found, remainder=replace(found.remainder, failing=there))
-    assert set_small_aside(found, seen, 0.01).verdict == "unexplained"
+    hinge, flange = ("link", "hinge"), ("link", "flange")
+    assert set_small_aside(unexplained_at(hinge), seen, 0.01).verdict == "no_gap"
+    assert set_small_aside(unexplained_at(hinge, flange), seen, 0.01).verdict == "unexplained"
 
 
 def test_what_is_small_is_printed_in_the_json_and_in_no_patch(capsys: pytest.CaptureFixture[str]) -> None:
