@@ -15,8 +15,8 @@ from scipy.stats import chi2
 from impedance_modules.diagnosis.model_selection import naming
 from impedance_modules.diagnosis.model_selection.naming import (
     LEAST_WEIGHT,
-    UnnamedCause,
     rejected_by_motion,
+    rejection,
     without_causes,
     without_negligible,
     without_uncertain,
@@ -92,12 +92,12 @@ def certain_unless(**partners: str):
 def test_what_worsens_the_simulated_motion_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(naming, "significant_terms", certain_unless())
     before = evidence(spring=5.0, friction=3.0, payload=1.0)
-    refusals = rejected_by_motion(
+    rejected = rejected_by_motion(
         [cause("spring", "helps"), cause("friction", "worsens"), cause("payload", None)]
     )
-    assert [refusal.cause.effect for refusal in refusals] == ["friction"]
-    assert "friction on elbow" in refusals[0].words and "error power by 2" in refusals[0].words
-    found, notes = without_causes(before, refusals)
+    assert [one.effect for one in rejected] == ["friction"]
+    assert "friction on elbow" in rejection(rejected[0]) and "error power by 2" in rejection(rejected[0])
+    found, notes = without_causes(before, rejected)
     assert named(found) == ["spring", "payload"] and notes == ()
     other_port = rejected_by_motion([cause("friction", "worsens", port="actuator")])
     assert named(without_causes(before, other_port)[0]) == ["spring", "friction", "payload"]
@@ -107,7 +107,7 @@ def test_what_worsens_the_simulated_motion_is_refused(monkeypatch: pytest.Monkey
 def test_what_is_certain_only_beside_a_refused_cause_goes_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(naming, "significant_terms", certain_unless(ripple="payload"))
     before = evidence(spring=5.0, ripple=3.0, payload=1.0)
-    found, notes = without_causes(before, [UnnamedCause(cause("payload", None), "is none")])
+    found, notes = without_causes(before, [cause("payload", None)])
     assert named(found) == ["spring"]
     assert len(notes) == 1 and "ripple on elbow, whose numbers alone" in notes[0]
 

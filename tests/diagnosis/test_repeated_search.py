@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from impedance_modules.diagnosis.model_selection import repeated_search as stages
-from impedance_modules.diagnosis.model_selection.naming import UnnamedCause
+from impedance_modules.diagnosis.model_selection.naming import rejection
 from impedance_modules.diagnosis.model_selection.repeated_search import REFUSED_MAX, RepeatedSearch
 from impedance_modules.effects.regressor import Site
 from impedance_modules.effects.sensor_effects import READING_MAX, TorqueGain
@@ -20,7 +20,7 @@ ORDER = ("crosstalk", "base_tilt", "torque_offset", "payload", "torque_gain")
 
 
 def left_alone(
-    evidence: SimpleNamespace, refusals: tuple[UnnamedCause, ...]
+    evidence: SimpleNamespace, refusals: tuple[SimpleNamespace, ...]
 ) -> tuple[SimpleNamespace, tuple[str]]:
     return SimpleNamespace(model_fit=evidence.model_fit, pushes=(), notes=(), left=refusals), ("alone",)
 
@@ -52,11 +52,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[set, set]]:
 
 def cause(effect: str, weight: float = 1.0) -> SimpleNamespace:
     port = "contact" if effect == "external_contact" else "sensor"
-    return SimpleNamespace(effect=effect, port=port, joints=("lift",), weight=weight)
-
-
-def refused(*causes: SimpleNamespace) -> tuple[UnnamedCause, ...]:
-    return tuple(UnnamedCause(one, "makes it worse") for one in causes)
+    return SimpleNamespace(effect=effect, port=port, joints=("lift",), weight=weight, rollout=None)
 
 
 def search() -> RepeatedSearch:
@@ -65,23 +61,29 @@ def search() -> RepeatedSearch:
 
 def test_without_a_refused_cause_another_is_found(asked) -> None:
     found, first = search(), cause("crosstalk")
-    found.leave_out(refused(first), [first])
+    found.leave_out([first], [first])
     assert asked[1] == ({"water"}, {("crosstalk", "lift", "sensor")})
     assert found.evidence.model_fit.model[0].key[0] == "base_tilt"
-    assert found.notes == ("found base_tilt", "not named: crosstalk on lift, which makes it worse")
+    assert found.notes == (
+        "found base_tilt",
+        rejection(first),
+    )
 
 
 def test_a_minor_cause_that_is_refused_starts_no_search(asked) -> None:
     found, minor, major = search(), cause("crosstalk", 0.01), cause("payload", 0.9)
-    found.leave_out(refused(minor), [major, minor])
-    assert len(asked) == 1 and found.evidence.left[0].cause is minor
-    assert found.notes[-2:] == ("not named: crosstalk on lift, which makes it worse", "alone")
+    found.leave_out([minor], [major, minor])
+    assert len(asked) == 1 and found.evidence.left[0] is minor
+    assert found.notes[-2:] == (
+        rejection(minor),
+        "alone",
+    )
 
 
 def test_the_search_is_not_repeated_for_ever(asked) -> None:
     found = search()
     for effect in ORDER:
-        found.leave_out(refused(cause(effect)), [cause(effect)])
+        found.leave_out([cause(effect)], [cause(effect)])
     assert len(asked) == 1 + REFUSED_MAX and len(found.evidence.left) == 1
 
 

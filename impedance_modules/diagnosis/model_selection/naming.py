@@ -7,7 +7,7 @@ What is not named is no part of the model either: gap, remainder and patch are t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from impedance_modules.diagnosis.model_selection.cause_search import significant_terms
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
@@ -71,50 +71,33 @@ def without_uncertain(evidence: Evidence) -> tuple[Evidence, tuple[str, ...]]:
         evidence = _without(evidence, [term])
 
 
-@dataclass(frozen=True)
-class UnnamedCause:
-    """A cause that is not named.
-
-    Attributes:
-        cause: The cause.
-        reason: Why, in words.
-    """
-
-    cause: Cause
-    reason: str
-
-    @property
-    def words(self) -> str:
-        """For the reader."""
-        return f"not named: {self.cause.effect} on {', '.join(self.cause.joints) or 'all joints'}, which {self.reason}"
-
-
-def rejected_by_motion(causes: Sequence[Cause]) -> tuple[UnnamedCause, ...]:
+def rejected_by_motion(causes: Sequence[Cause]) -> tuple[Cause, ...]:
     """Causes with which the simulated motion is worse than without."""
     return tuple(
-        UnnamedCause(
-            cause,
-            "explains torque but makes the simulated motion worse, error power by"
-            f" {1.0 / cause.rollout.ratio:.3g}",
-        )
-        for cause in causes
-        if cause.rollout is not None and cause.rollout.verdict == "worsens"
+        cause for cause in causes if cause.rollout is not None and cause.rollout.verdict == "worsens"
     )
 
 
-def terms_of(evidence: Evidence, refusals: Sequence[UnnamedCause]) -> list[ModelTerm]:
+def rejection(cause: Cause) -> str:
+    """Says why a cause that the simulated motion rejects is not named."""
+    where = ", ".join(cause.joints) or "all joints"
+    worse = "" if cause.rollout is None else f", error power by {1.0 / cause.rollout.ratio:.3g}"
+    return f"not named: {cause.effect} on {where}, which explains torque but makes the simulated motion worse{worse}"
+
+
+def terms_of(evidence: Evidence, causes: Sequence[Cause]) -> list[ModelTerm]:
     """Terms of the model that stand for causes."""
-    keys = {(refusal.cause.effect, refusal.cause.port) for refusal in refusals}
+    keys = {(cause.effect, cause.port) for cause in causes}
     return [term for term in evidence.model_fit.model if (term.key[0], term.key[2]) in keys]
 
 
-def without_causes(evidence: Evidence, refusals: Sequence[UnnamedCause]) -> tuple[Evidence, tuple[str, ...]]:
+def without_causes(evidence: Evidence, causes: Sequence[Cause]) -> tuple[Evidence, tuple[str, ...]]:
     """Leaves out causes, and then those that are not certain alone.
 
     Returns:
         The evidence with the others fitted again, and a sentence for each of these.
     """
-    return without_uncertain(_without(evidence, terms_of(evidence, refusals)))
+    return without_uncertain(_without(evidence, terms_of(evidence, causes)))
 
 
 def _without(evidence: Evidence, left_out: Sequence[ModelTerm]) -> Evidence:

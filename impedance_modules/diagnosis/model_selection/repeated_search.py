@@ -13,7 +13,7 @@ from impedance_modules.diagnosis.model_selection.conclusion import SHARE_THAT_MA
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.model_selection.external_pushes import push_notes
 from impedance_modules.diagnosis.model_selection.naming import (
-    UnnamedCause,
+    rejection,
     terms_of,
     without_causes,
     without_negligible,
@@ -50,18 +50,16 @@ class RepeatedSearch:
         self._refusals: tuple[str, ...] = ()
         self.evidence, self.notes = self._found()
 
-    def leave_out(self, refusals: Sequence[UnnamedCause], causes: Sequence[Cause]) -> None:
+    def leave_out(self, rejected: Sequence[Cause], causes: Sequence[Cause]) -> None:
         """Does without some of the causes; where they carried what is explained, others may take their place."""
-        words = tuple(refusal.words for refusal in refusals)
-        explained, theirs = (
-            sum(cause.weight for cause in part) for part in (causes, [refusal.cause for refusal in refusals])
-        )
+        words = tuple(rejection(cause) for cause in rejected)
+        explained, theirs = (sum(cause.weight for cause in part) for part in (causes, rejected))
         if theirs >= SHARE_THAT_MATTERS * explained and len(self._refused) < REFUSED_MAX:
             self._refusals = (*self._refusals, *words)
-            self._refused.update(term.key for term in terms_of(self.evidence, refusals))
+            self._refused.update(term.key for term in terms_of(self.evidence, rejected))
             self.evidence, self.notes = self._found()
         else:
-            self.evidence, uncertain = without_causes(self.evidence, refusals)
+            self.evidence, uncertain = without_causes(self.evidence, rejected)
             self.notes = (*self.notes, *words, *uncertain)
 
     def _found(self) -> tuple[Evidence, tuple[str, ...]]:
