@@ -96,7 +96,9 @@ def test_what_worsens_the_simulated_motion_is_refused(monkeypatch: pytest.Monkey
         [cause("spring", "helps"), cause("friction", "worsens"), cause("payload", None)]
     )
     assert [one.effect for one in rejected] == ["friction"]
-    assert "friction on elbow" in rejection(rejected[0]) and "error power by 2" in rejection(rejected[0])
+    assert "friction on elbow (link port)" in rejection(rejected[0]) and "error power by 2" in rejection(
+        rejected[0]
+    )
     found, notes = without_causes(before, rejected)
     assert named(found) == ["spring", "payload"] and notes == ()
     other_port = rejected_by_motion([cause("friction", "worsens", port="actuator")])

@@ -80,7 +80,7 @@ def rejected_by_motion(causes: Sequence[Cause]) -> tuple[Cause, ...]:
 
 def rejection(cause: Cause) -> str:
     """Says why a cause that the simulated motion rejects is not named."""
-    where = ", ".join(cause.joints) or "all joints"
+    where = f"{', '.join(cause.joints) or 'all joints'} ({cause.port} port)"
     worse = "" if cause.rollout is None else f", error power by {1.0 / cause.rollout.ratio:.3g}"
     return f"not named: {cause.effect} on {where}, which explains torque but makes the simulated motion worse{worse}"
 
