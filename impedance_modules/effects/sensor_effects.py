@@ -29,8 +29,9 @@ ONLY_REPORTED = (
 )
 """Why an error of a sensor is not compensated."""
 
-READING_MAX = 3.0
-"""Factor by which a sensor is believed to read too much or too little: by a wrong constant or ratio."""
+GAIN_MAX = 3.0
+"""Factor by which a sensor is believed to read, or a drive to give, too much or too little: by a wrong constant or
+ratio."""
 
 SHARE_MAX = 0.5
 """Largest share of another joint's torque that is believed to be in a reading."""
@@ -136,8 +137,8 @@ class TorqueGain(Effect):
         own = torque[:, site.joint]
         if site.port == "sensor":
             sensed = EFFORT_SIGN[residual] * own
-            return one_row(site.joint, sensed, lower=1.0 - READING_MAX, upper=1.0 - 1.0 / READING_MAX)
-        return one_row(site.joint, -own, lower=-1.0 + 1e-6)
+            return one_row(site.joint, sensed, lower=1.0 - GAIN_MAX, upper=1.0 - 1.0 / GAIN_MAX)
+        return one_row(site.joint, -own, lower=1.0 / GAIN_MAX - 1.0, upper=GAIN_MAX - 1.0)
 
     def coefficients(self, values: Values, site: Site) -> tuple[Array, dict[str, float]]:
         """Drive: s - 1. Sensor: 1 - 1/s."""

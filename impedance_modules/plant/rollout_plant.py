@@ -17,6 +17,9 @@ from impedance_modules.plant.joints import ELASTIC
 from impedance_modules.plant.plant import Plant
 from impedance_modules.records import Vector
 
+RUNAWAY = 1e5
+"""Speed beyond which a joint has run away: no robot's moves so fast [rad/s], [m/s]."""
+
 
 @dataclass(frozen=True, eq=False)
 class RolloutStart:
@@ -65,7 +68,8 @@ class RolloutPlant(Plant):
             aims: (N, 2, n) joint motion that the controller aims at; None where nobody recorded it.
 
         Returns:
-            True positions and velocities where the encoders sit (N, n), each at the end of its step.
+            True positions and velocities where the encoders sit (N, n), each at the end of its step; NaN from where
+            a joint is faster than any robot's, since what follows is beyond what can be computed.
         """
         weight, offset = self._weight, self._effects.sensors.offset
         joints, n = self.state.joints, self.state.n
@@ -80,6 +84,9 @@ class RolloutPlant(Plant):
             self._integrator.advance(1)
             position = self._at_encoders()
             out[0, k], out[1, k] = position, velocity
+            if not np.abs(velocity).max() <= RUNAWAY:
+                out[:, k:] = np.nan
+                break
         if self._encoders_at_motors and len(commands) > 1:
             at_motor = self.model.encoder_at_motor
             out[1][:, at_motor] = np.gradient(out[0][:, at_motor], self.division.step, axis=0)

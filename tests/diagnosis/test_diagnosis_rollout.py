@@ -215,6 +215,18 @@ def test_a_plant_from_the_same_state_moves_the_same_way(robot: Path) -> None:
     np.testing.assert_allclose(velocities[:-1], expected[begin + 1 :, 1], atol=1e-7)
 
 
+def test_a_joint_that_runs_away_ends_its_window(robot: Path) -> None:
+    """A light joint with a torque far beyond its own: what no computation can follow is no traceback."""
+    options = PlantOptions(rate=1000.0, seed=0, noise=False, step=1e-3)
+    plant = RolloutPlant(
+        RobotModel(replace(two_joints(robot), gravity_compensation="none")), [], None, options
+    )
+    plant.reset(START)
+    positions, velocities = plant.roll(np.full((400, 2), 1e12), None)
+    assert np.isfinite(positions[0]).all() or np.isnan(positions[0]).all()
+    assert np.isnan(positions[-1]).all() and np.isnan(velocities[-1]).all()
+
+
 def one_motion(time: float, arrays: tuple[np.ndarray, ...]) -> JointHistory:
     """A history of one motion, its fields in their order."""
     names = [field.name for field in JointHistory._layout.fields]

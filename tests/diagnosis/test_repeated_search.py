@@ -12,8 +12,9 @@ import pytest
 from impedance_modules.diagnosis.model_selection import repeated_search as stages
 from impedance_modules.diagnosis.model_selection.naming import rejection
 from impedance_modules.diagnosis.model_selection.repeated_search import REFUSED_MAX, RepeatedSearch
+from impedance_modules.effects.effect_description import Port
 from impedance_modules.effects.regressor import Site
-from impedance_modules.effects.sensor_effects import READING_MAX, TorqueGain
+from impedance_modules.effects.sensor_effects import GAIN_MAX, TorqueGain
 
 ORDER = ("crosstalk", "base_tilt", "torque_offset", "payload", "torque_gain")
 """Effects in the order in which a search finds them, one at a time."""
@@ -90,10 +91,14 @@ def test_the_search_is_not_repeated_for_ever(asked) -> None:
 @pytest.mark.parametrize(
     ("factor", "believed"), [(0.35, True), (0.58, True), (2.9, True), (0.3, False), (3.1, False)]
 )
-def test_a_sensor_may_read_three_times_too_much_or_too_little(factor: float, believed: bool) -> None:
-    """A wrong torque constant of 0.6 was refused as no number that a sensor can have."""
-    signals = SimpleNamespace(effort=np.ones((3, 1)), joint=lambda _: 0, samples=3, n=1)
-    columns = TorqueGain().in_residual(Site(signals, "lift", "sensor"), "link", {})
-    coefficient = 1.0 - 1.0 / factor
+@pytest.mark.parametrize("port", ["sensor", "actuator"])
+def test_a_torque_may_be_three_times_too_much_or_too_little(
+    port: Port, factor: float, believed: bool
+) -> None:
+    """A wrong torque constant of 0.6 was refused as no number that a sensor can have; a drive's 0.06 was named."""
+    torque = np.ones((3, 1))
+    signals = SimpleNamespace(effort=torque, drive=torque, joint=lambda _: 0, samples=3, n=1)
+    columns = TorqueGain().in_residual(Site(signals, "lift", port), "link", {})
+    coefficient = 1.0 - 1.0 / factor if port == "sensor" else factor - 1.0
     assert bool(columns.lower[0] < coefficient < columns.upper[0]) is believed
-    assert READING_MAX == 3.0
+    assert GAIN_MAX == 3.0
