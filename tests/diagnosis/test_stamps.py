@@ -200,6 +200,26 @@ def test_samples_across_a_gap_are_as_good_as_those_beside_it(rate, longest, data
     assert np.abs(filled - motion.position(whole)).max() < 5.0 * noise + bend
 
 
+@settings(max_examples=30, deadline=None)
+@given(
+    seed=st.integers(0, 9999),
+    part=st.floats(0.05, 0.3),
+    rate=st.sampled_from([100.0, 250.0, 1000.0]),
+    louder=st.floats(0.5, 6.0),
+    unevenly=st.booleans(),
+)
+def test_all_rows_together_tell_whether_samples_were_taken_at_their_stamps(
+    seed, part, rate, louder, unevenly
+):
+    """In each row the lateness is hidden by noise up to six times as large; no roughness tells it then."""
+    random, motion = np.random.default_rng(seed), Motion(seed)
+    taken, stamps = (uneven if unevenly else jitter)(part)(rate, random)
+    position = motion.position(taken)
+    hidden = np.gradient(position, taken, axis=0).std() * np.std(stamps - even(rate, random)[0])
+    position = position + louder * hidden * random.standard_normal(position.shape)
+    assert (sampling_times(stamps, position) is stamps) is unevenly
+
+
 @settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 999), part=st.floats(0.002, 0.15), rate=st.sampled_from(RATES))
 def test_rows_that_are_counted_keep_their_numbers(seed, part, rate):

@@ -40,6 +40,7 @@ from impedance_modules.diagnosis.data.time_base import (
     delayed,
     unify_rates,
 )
+from impedance_modules.diagnosis.data.torque_jumps import jump_notes
 from impedance_modules.episode.columns import JOINT_KINDS
 from impedance_modules.episode.data import Episode
 from impedance_modules.errors import BadInput
@@ -91,6 +92,7 @@ def admit(episodes: Sequence[Episode], model: NominalModel) -> tuple[tuple[Log, 
     if len({log.effort_source for log in logs} - {None}) > 1:
         raise BadInput("the recordings measure torque in different places (valid: one effort_source for all)")
     _note_missing_channels(logs, warnings)
+    warnings += jump_notes(logs)
     logs = unify_rates(logs, warnings)
     grouped = group_repeats(logs, [episode.repeat_of for episode in episodes], warnings)
     weak = _weak_joints(grouped, model)

@@ -7,7 +7,12 @@ samples are taken as evenly sampled, rows counted and the lost ones left out,
 
     t_k = t_0 + i_k / rate          (or a curve of fifth order in i_k: a clock that drifts)
 
-unless the motion is clearly smoother at the stamps: at the right times positions are smooth.
+unless the positions themselves show that they were taken at the stamps. Row k of a smooth motion, taken \delta_k later
+than counted, is ahead by v_k \delta_k. So in third differences, in which a smooth motion is nearly nothing,
+
+    D^3 q_k = b D^3 (v_k \delta_k) + noise,      b = 1: taken at the stamps;  b = 0: evenly, and stamped badly
+
+and b is told by all rows together where each of them is mostly noise.
 """
 
 from __future__ import annotations
@@ -17,6 +22,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.polynomial.polynomial import polyfit, polyval
 from scipy.interpolate import CubicSpline
+from scipy.signal import savgol_filter
 
 from impedance_modules.arrays import Array
 from impedance_modules.errors import BadInput
@@ -37,7 +43,19 @@ EVEN_STEPS = 1e-3
 """Stamps that are even to this part of a step are taken as they are."""
 
 CLEARLY_SMOOTHER = 0.8
-"""Times at which positions have less than this part of the roughness are preferred to simpler ones."""
+"""A clock that drifts is followed where positions have less than this part of the roughness then."""
+
+TAKEN_MIN = 0.5
+"""Least b of samples that were taken at the stamps."""
+
+CERTAIN = 4.0
+"""Standard deviations of b by which it must differ from zero."""
+
+COLOUR = 1.5
+"""Factor of its deviation, since third differences of noise are alike in neighbouring rows: sqrt(sum of rho_k^2)."""
+
+SMOOTHED = 7
+"""Rows over which a polynomial of third order gives the speed, and the slow part of the lateness."""
 
 NEAR_COUNT = 0.5
 """Nine of ten stamps must lie within this part of a step of the counted times."""
@@ -59,12 +77,13 @@ def sampling_times(time: Array, position: Array) -> Array:
         time: (N,) stamps, increasing (``refuse_disorder``), 4 or more [s].
         position: (N, n) [rad].
     """
-    candidates = [*_even_times(time), time]
-    if len(candidates) == 1 or np.abs(candidates[0] - time).max() < EVEN_STEPS * _step(time):
+    counted = list(_even_times(time))
+    if not counted or np.abs(counted[0] - time).max() < EVEN_STEPS * _step(time):
         return time
-    rough = [_roughness(times, position) for times in candidates]
+    rough = [_roughness(times, position) for times in counted]
     good = min(rough) / CLEARLY_SMOOTHER
-    return next(times for times, own in zip(candidates, rough, strict=True) if own <= good)
+    best = next(times for times, own in zip(counted, rough, strict=True) if own <= good)
+    return time if _taken_at(time, best, position) else best
 
 
 def _even_times(time: Array) -> Iterator[Array]:
@@ -118,6 +137,29 @@ def _roughness(time: Array, position: Array) -> float:
     size = position.std(axis=0)
     moved = size > 0.0
     return float(np.sqrt(np.mean((third[:, moved] / size[moved]) ** 2))) if np.any(moved) else 0.0
+
+
+def _taken_at(times: Array, counted: Array, position: Array) -> bool:
+    """Whether positions (N, n) were taken at their stamps ``times`` rather than at those that were counted.
+
+    By what changes from row to row alone: slow lateness looks like another motion.
+    """
+    if len(times) <= SMOOTHED:
+        return False
+    mean = float(counted[-1] - counted[0]) / (len(counted) - 1)
+    speed = savgol_filter(position, SMOOTHED, 3, deriv=1, delta=mean, axis=0)
+    late = times - counted
+    late = late - savgol_filter(late, SMOOTHED, 3)
+    rough, ahead = (np.diff(values, 3, axis=0) for values in (position, speed * late[:, None]))
+    moved = np.ptp(position, axis=0) > 0.0
+    scale = np.sqrt(np.mean(rough[:, moved] ** 2, axis=0))
+    y, x = (values[:, moved] / np.maximum(scale, 1e-300) for values in (rough, ahead))
+    known = float(np.sum(x**2))
+    if known == 0.0:
+        return False
+    share = float(np.sum(x * y)) / known
+    deviation = COLOUR * float(np.std(y - share * x)) / np.sqrt(known)
+    return share > max(TAKEN_MIN, CERTAIN * deviation)
 
 
 def refuse_disorder(time: Array, place: str) -> None:
