@@ -159,7 +159,7 @@ def _taken_at(times: Array, counted: Array, position: Array) -> bool:
         return False
     share = float(np.sum(x * y)) / known
     deviation = COLOUR * float(np.std(y - share * x)) / np.sqrt(known)
-    return share > max(TAKEN_MIN, CERTAIN * deviation)
+    return bool(share > max(TAKEN_MIN, CERTAIN * deviation))
 
 
 def refuse_disorder(time: Array, place: str) -> None:
