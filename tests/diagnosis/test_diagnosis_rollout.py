@@ -223,8 +223,8 @@ def test_a_joint_that_runs_away_ends_its_window(robot: Path) -> None:
     )
     plant.reset(START)
     positions, velocities = plant.roll(np.full((400, 2), 1e12), None)
-    assert np.isfinite(positions[0]).all() or np.isnan(positions[0]).all()
     assert np.isnan(positions[-1]).all() and np.isnan(velocities[-1]).all()
+    assert np.isfinite(plant.position).all() and np.isfinite(plant.velocity).all()
 
 
 def one_motion(time: float, arrays: tuple[np.ndarray, ...]) -> JointHistory:

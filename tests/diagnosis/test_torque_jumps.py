@@ -67,3 +67,5 @@ def test_a_low_rate_is_told_with_the_recording_and_what_would_do(rate: float, to
     if told:
         assert notes[0].startswith("held: torques jump, and at 100 Hz")
         assert "400 Hz" in notes[0] and "calm" not in notes[0]
+        calm.rate = 50.0  # a slower one that does not jump changes nothing
+        assert jump_notes([calm, jumping]) == notes

@@ -29,14 +29,16 @@ JUMPS_MIN = 6.5
 
 def jump_notes(logs: Sequence[Log]) -> tuple[str, ...]:
     """A sentence about recordings whose torques jump and whose rate is low; none where there are none."""
-    names = [log.name for log in logs if log.rate < FAST and jumps(_torque(log)) > JUMPS_MIN]
-    if not names:
+    found = [log for log in logs if log.rate < FAST and jumps(_torque(log)) > JUMPS_MIN]
+    if not found:
         return ()
+    names = [log.name for log in found]
     more = f" and {len(names) - 5} more" if len(names) > 5 else ""
-    rate = min(log.rate for log in logs)
+    rate = min(log.rate for log in found)
     return (
-        f"{', '.join(names[:5])}{more}: torques jump, and at {rate:.3g} Hz nobody knows when between two rows; causes"
-        f" of that size may be made of it (valid: {FAST:g} Hz or more, or a target that does not jump)",
+        f"{', '.join(names[:5])}{more}: torques jump, and at {rate:.3g} Hz nobody knows when between two rows; a gap"
+        " or a cause as large as these jumps may be made of them"
+        f" (valid: {FAST:g} Hz or more, or a target that does not jump)",
     )
 
 
