@@ -42,6 +42,12 @@ PRESLIDING = "presliding"
 PRESLIDING_DISPLACEMENTS = (0.03, 0.1, 0.2)
 """Displacements tried, in multiples of the distance that a joint moves in a second at the regularisation velocity."""
 
+PRESLIDING_EXPONENT = "presliding_exponent"
+"""Shape: exponent of Dahl's law there, how slowly surfaces come to slip."""
+
+PRESLIDING_EXPONENTS = (1.0, 2.0)
+"""Those that are tried."""
+
 REGULARISATION = "regularisation"
 """Shape: multiple of the usual regularisation velocity of dry friction; missing where it is the usual one."""
 
@@ -226,6 +232,13 @@ class Effect(ABC):
         """Gives the shape for the next round of the regression; the same one when it has converged."""
         return {name: values.get(name, old) for name, old in shape.items()}
 
+    def nearest(self, symbol: str, value: float) -> float:
+        """Gives the value within the physical bounds of a number that is nearest to one asked for."""
+        if symbol not in self.description.symbols:
+            return value
+        parameter = self.description.parameter(symbol)
+        return min(max(value, parameter.lower), parameter.upper)
+
     def is_outside(self, shape: Shape, site: Site) -> bool:
         """Whether what was found in a recording is not of the robot, as that robot's maker would know it."""
         return False
@@ -281,7 +294,8 @@ class JointLaw(Effect):
         sample = site.sample()
         presliding = float(shape.get(PRESLIDING, 0.0))
         if presliding > 0.0:
-            sample = replace(sample, bristles=site.bristles(presliding))
+            exponent = float(shape[PRESLIDING_EXPONENT])
+            sample = replace(sample, bristles=site.bristles(presliding, exponent))
         wider = float(shape.get(REGULARISATION, 0.0))
         if wider > 0.0:
             sample = replace(sample, regularisation=wider * sample.regularisation)
@@ -301,7 +315,12 @@ class JointLaw(Effect):
         wider = WIDER_REGULARISATIONS if len(self.description.symbols) == 1 else ()
         return (
             *shapes,
-            *({**shape, PRESLIDING: part * second} for part in PRESLIDING_DISPLACEMENTS for shape in shapes),
+            *(
+                {**shape, PRESLIDING: part * second, PRESLIDING_EXPONENT: exponent}
+                for exponent in PRESLIDING_EXPONENTS
+                for part in PRESLIDING_DISPLACEMENTS
+                for shape in shapes
+            ),
             *({REGULARISATION: multiple} for multiple in wider),
         )
 

@@ -4,9 +4,13 @@ r"""Motion of joints: what an effect's law is a function of, and what the plant 
 A `JointSample` is read by the same law twice: the plant hands over one joint at one instant, as a row of ``SAMPLE``,
 the diagnosis one joint over a whole recording. Its fields are numbers there and arrays here, all of one shape.
 
-Dry friction can change its sign over a speed, or over a displacement, as bristles that bend (Dahl 1968): over a
-displacement dq in one direction their bend moves towards sgn(dq) by the share 1 - exp(-|dq| / stretch), which is
-exact and independent of the speed.
+Dry friction can change its sign over a speed, or over a displacement, as bristles that bend (Dahl 1968). Their bend
+\zeta follows the path and not the speed,
+
+    d\zeta / dq = (1 - \zeta d)^i / stretch        d = sgn(dq)
+
+which is exact over a displacement in one direction: what lacks of slipping, u = 1 - \zeta d, decreases to u
+(1 + (i - 1) u^(i - 1) |dq| / stretch)^(-1 / (i - 1)), for i = 1 to u exp(-|dq| / stretch).
 """
 
 from __future__ import annotations
@@ -32,6 +36,9 @@ REGULARISATION_VELOCITY, SLIDING_REGULARISATION_VELOCITY = 0.01, 0.001
 
 The diagnosis always uses this one, the plant a larger one where a light link would demand a shorter step.
 """
+
+EXPONENTIAL = 1e-6
+"""Exponent of bristles less one below which their bend is an exponential of the displacement, for all that shows."""
 
 
 SAMPLE = np.dtype(
@@ -224,35 +231,46 @@ class CompiledTorque(EffectTorque):
 
 
 @compiled
-def bent(bristle: float, moved: float, stretch: float) -> Any:
+def bent(bristle: float, moved: float, stretch: float, exponent: float = 1.0) -> Any:
     """Gives the bristles' bend zeta in [-1, 1] after a displacement in one direction."""
-    direction = np.sign(moved)
-    return direction + (bristle - direction) * np.exp(-np.abs(moved) / stretch)
+    direction = 1.0 if moved >= 0.0 else -1.0
+    return direction * (1.0 - unslipped(1.0 - bristle * direction, np.abs(moved) / stretch, exponent))
 
 
-def follow(position: Array, stretch: float) -> Array:
+@compiled
+def unslipped(share: Array | float, way: Array | float, exponent: float = 1.0) -> Any:
+    """Gives what lacks of slipping, u, after a way in multiples of the stretch; as Python, of arrays too."""
+    above = exponent - 1.0
+    if above < EXPONENTIAL:
+        return share * np.exp(-way)
+    return share * (1.0 + above * share**above * way) ** (-1.0 / above)
+
+
+def follow(position: Array, stretch: float, exponent: float = 1.0) -> Array:
     r"""Computes the bend (N,) along a path (N,), unbent at its start.
 
-    From a reversal at q_r with the bend \zeta_r on, as long as the direction d stays the same,
+    From a reversal at q_r with the bend \zeta_r on, as long as the direction d stays the same, \zeta = d (1 - u), where
+    u begins as 1 - \zeta_r d and depends on |q - q_r| alone: only reversals are followed one after the other.
 
-        \zeta = d + (\zeta_r - d) exp(-|q - q_r| / stretch):
-
-    only reversals are followed one after the other.
+    Args:
+        position: The path [rad].
+        stretch: Displacement over which bristles bend [rad].
+        exponent: i of Dahl's law, at least one.
     """
     out = np.zeros(position.size)
     direction, first = _ways(position)
     if not first.size:
         return out
     turns = np.append(position[first], position[-1])
-    keep = np.exp(-np.abs(np.diff(turns)) / stretch)
-    bends, bend = np.empty(first.size), 0.0
+    ways = np.abs(np.diff(turns)) / stretch
+    begins, bend = np.empty(first.size), 0.0
     for i, way in enumerate(direction):
-        bends[i] = bend
-        bend = way + (bend - way) * keep[i]
+        begins[i] = 1.0 - bend * way
+        bend = way * (1.0 - unslipped.python(begins[i], ways[i], exponent))
     lengths = np.diff(np.append(first, position.size - 1))
-    way, from_bend, turn = (np.repeat(x, lengths) for x in (direction, bends, turns[:-1]))
+    way, begin, turn = (np.repeat(x, lengths) for x in (direction, begins, turns[:-1]))
     moved = np.abs(position[first[0] + 1 :] - turn)
-    out[first[0] + 1 :] = way + (from_bend - way) * np.exp(-moved / stretch)
+    out[first[0] + 1 :] = way * (1.0 - unslipped.python(begin, moved / stretch, exponent))
     return out
 
 

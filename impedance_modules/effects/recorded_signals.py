@@ -280,12 +280,12 @@ class Signals:
             kept[body] = self.model.body_columns(body, self.position, self.velocity, self.acceleration)
         return kept[body]
 
-    def bristles(self, joint: int, stretch: float, *, motor_side: bool) -> Array:
+    def bristles(self, joint: int, stretch: float, exponent: float, *, motor_side: bool) -> Array:
         """Bend of bristles along a joint's path (N,), computed once."""
-        kept: dict[tuple[int, float, bool], Array] = self.__dict__.setdefault("_bristles", {})
-        key = (joint, stretch, motor_side)
+        kept: dict[tuple[int, float, float, bool], Array] = self.__dict__.setdefault("_bristles", {})
+        key = (joint, stretch, exponent, motor_side)
         if key not in kept:
-            kept[key] = follow(self.sample(joint, motor_side=motor_side).position, stretch)
+            kept[key] = follow(self.sample(joint, motor_side=motor_side).position, stretch, exponent)
         return kept[key]
 
     def sample(self, joint: int, *, motor_side: bool) -> JointSample:

@@ -56,9 +56,9 @@ class Site:
         """The joint's motion on the side of its gear at which the effect acts."""
         return self.signals.sample(self.joint, motor_side=self.port == "actuator")
 
-    def bristles(self, stretch: float) -> Array:
-        """Bend (N,) of bristles that slip within a displacement [rad], on the same side."""
-        return self.signals.bristles(self.joint, stretch, motor_side=self.port == "actuator")
+    def bristles(self, stretch: float, exponent: float) -> Array:
+        """Bend (N,) of bristles that slip within a displacement [rad] by Dahl's law, on the same side."""
+        return self.signals.bristles(self.joint, stretch, exponent, motor_side=self.port == "actuator")
 
 
 @dataclass(frozen=True)

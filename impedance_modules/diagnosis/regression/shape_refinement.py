@@ -169,7 +169,10 @@ class ShapeRefiner:
                 symbol: value + float(np.clip(told[symbol] - value, -_reach(value), _reach(value)))
                 for symbol, value in shape.items()
             }
-        limited = {symbol: value + part * (limited[symbol] - value) for symbol, value in shape.items()}
+        limited = {
+            symbol: candidate.effect.nearest(symbol, value + part * (limited[symbol] - value))
+            for symbol, value in shape.items()
+        }
         if all(abs(limited[s] - shape[s]) <= 1e-4 * max(abs(shape[s]), 1e-4) for s in shape):
             return None
         # A direction that the motion does not show stays one, however little the new shape shows of it.
