@@ -97,7 +97,7 @@ TRUTHS: tuple[Truth, ...] = (
     Truth("parallel_spring", L, JOINT, {"k": 8.0, "preload": 3.0}),
     Truth("torque_ripple", A, JOINT, {"A": 0.8, "N": 12.0, "phi": 0.4}),
     Truth("torque_ripple", L, JOINT, {"A": 0.8, "N": 12.0, "phi": 0.4}),
-    Truth("command_delay", "timing", JOINT, {"T": 0.012}),
+    Truth("command_delay", "timing", JOINT, {"T": 0.005}),
     Truth("actuator_lag", A, JOINT, {"T": 0.012}),
     Truth("torque_saturation", A, JOINT, {"limit": 12.0}),
     Truth("crosstalk", S, ON_PAIR, {"c": 0.15}),
