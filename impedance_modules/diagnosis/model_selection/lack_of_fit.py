@@ -6,8 +6,8 @@ r"""Lack of fit: whether the remainder is noise, by its power and by its structu
 in whitened rows, on recordings that no fit has used. The limit is that of Fisher's F test for the samples here and in
 the noise floor, all groups together, or the negligible part of the joint's load where that is larger.
 
-The remainder has structure if its spectrum has a peak, if single moments exceed the others, if a generic function of
-the motion explains a part of it, or if a cause varies along its joint's position q as
+The remainder has structure if its spectrum has a peak, if single moments exceed the others, or if a cause varies along
+its joint's position q as
 
     r = \tau(t) (1 + a \sin N q + b \cos N q),      \tau the torque of an accepted cause at its joint.
 
@@ -32,10 +32,7 @@ from scipy.ndimage import median_filter
 from scipy.stats import f as fisher
 
 from impedance_modules.arrays import Array
-from impedance_modules.diagnosis.model_selection.acceptance import bic_penalty
-from impedance_modules.diagnosis.model_selection.candidate_trial import CandidateTrial
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
-from impedance_modules.diagnosis.regression.cleaned_signals import stationary_joints
 from impedance_modules.diagnosis.regression.model_fit import ModelTerm
 
 ALPHA = 0.002
@@ -73,12 +70,6 @@ MOMENT_MAX = 20.0
 
 MOMENT = 0.5
 """Length of a moment [s]."""
-
-SMOOTH_GAIN, SMOOTH_PART = 9.0, 0.05
-"""Least penalised log-likelihood gain, and part of a residual, of a generic function that is reported."""
-
-GENERIC_MAX = 6
-"""Number of generic functions that are tried."""
 
 
 @dataclass(frozen=True, order=True)
@@ -163,13 +154,6 @@ def find_structure(evidence: Evidence) -> tuple[RemainingStructure, ...]:
     """Describes what of the remainder is no noise, the most prominent first."""
     small = evidence.rms(evidence.model_fit, _all_recordings(evidence)) <= evidence.negligible
     found = list(_tones_and_moments(evidence, small))
-    best = _generic_function(evidence, small)
-    if best is not None:
-        group = best.term.groups[0]
-        said = f"explains {100.0 * best.reduction:.0f} % more on {_name(evidence, group)}"
-        found.append(
-            RemainingStructure(1.0, f"a function of the joint's motion without physics {said}", group)
-        )
     changing = position_dependence(evidence)
     if changing is not None:
         found.append(replace(changing, prominence=1.0 + changing.prominence))
@@ -219,27 +203,6 @@ def _moment(series: Sequence[Array], rate: float) -> float:
     ]
     power = np.concatenate(blocks)
     return float(power.max() / max(float(np.median(power)), size))
-
-
-def _generic_function(evidence: Evidence, small: NDArray[np.bool_]) -> CandidateTrial | None:
-    """The generic function that explains most beside the causes, if it is significant.
-
-    Joints that never move are excluded: their encoder noise is in the residual and in every function of their motion.
-    So are groups whose remainder is ``small`` beside the load.
-    """
-    stationary = np.all([stationary_joints(item.signals.position) for item in evidence.prepared], axis=0)
-    selector, model_fit = evidence.selector, evidence.model_fit
-    looks = [look for look in selector.screen.rank(model_fit) if look.layout.shaped.candidate is None]
-    trials = [selector.trial(model_fit, look.layout) for look in looks[:GENERIC_MAX]]
-    good = [
-        trial
-        for trial in trials
-        if trial.gain - bic_penalty(trial) > SMOOTH_GAIN
-        and trial.reduction > SMOOTH_PART
-        and not stationary[evidence.design.groups[trial.term.groups[0]][1]]
-        and not small[trial.term.groups[0]]
-    ]
-    return max(good, key=lambda trial: trial.gain, default=None)
 
 
 def position_dependence(evidence: Evidence) -> RemainingStructure | None:

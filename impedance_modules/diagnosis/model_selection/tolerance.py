@@ -13,17 +13,18 @@ remains in reported velocities alone changes none, as nothing is simulated with 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from scipy.stats import chi2
 
 from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.model_selection.cause_search import SIGMA
 from impedance_modules.diagnosis.model_selection.conclusion import SHARE_THAT_MATTERS, verdict_of
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
-from impedance_modules.diagnosis.model_selection.lack_of_fit import MOMENT
+from impedance_modules.diagnosis.model_selection.lack_of_fit import ALPHA, MOMENT
 from impedance_modules.diagnosis.regression.candidates import Group
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.diagnosis.result import Cause, Diagnosis, Remainder, Rollout
@@ -32,9 +33,6 @@ from impedance_modules.effects.residual_kinds import uses_motion
 
 CHANGED = 1.21
 """Power of the simulated motion's error without a cause over that with it, from which the cause changes the motion."""
-
-MOMENT_OF_NOISE = 4.0
-"""Power of half a second over the mean that noise reaches."""
 
 DRIFT = 1.5
 """Simulated error over its noise, beyond which what remains changes the motion."""
@@ -86,13 +84,15 @@ def _within(found: Diagnosis) -> Remainder:
 def _left_is_small(found: Diagnosis, evidence: Evidence, limits: Array) -> bool:
     """Whether what remains beside noise is within the limits (groups,) in every comparison that does not pass as noise.
 
-    Where none is known, in all of them. What lasts for a moment is judged while it lasts.
+    Where none is known, in all of them. What lasts for a moment is judged while it lasts: what noise reaches in one
+    moment of all is allowed.
     """
     joints, failing = evidence.prepared[0].tree.joints, found.remainder.failing
     judged = [
         not failing or (residual, joints[joint]) in failing for residual, joint in evidence.design.groups
     ]
-    calm = worst_moment(evidence) <= limits**2 + MOMENT_OF_NOISE * np.mean(evidence.floor.rms**2, axis=0)
+    noise = worst_moment_of_noise(evidence) * np.mean(evidence.floor.rms**2, axis=0)
+    calm = worst_moment(evidence) <= limits**2 + noise
     return bool(np.all(((beside_noise(evidence) <= limits) & calm)[judged]))
 
 
@@ -105,15 +105,60 @@ def beside_noise(evidence: Evidence) -> Array:
 
 def worst_moment(evidence: Evidence) -> Array:
     """(groups,) largest mean square of half a second of what the model leaves, in each group's unit squared."""
-    size = max(2, round(MOMENT * evidence.design.rate))
+    size = _moment_samples(evidence)
     worst = np.zeros(len(evidence.design.groups))
+    for g, rows in _left_rows(evidence):
+        if len(rows) >= size:
+            moments = sliding_window_view(rows, size)
+            worst[g] = max(worst[g], float(np.mean(moments**2, axis=1).max()))
+    return worst
+
+
+def worst_moment_of_noise(evidence: Evidence) -> Array:
+    """(groups,) largest mean square of half a second that noise of the remainder's colour reaches, over its power."""
+    groups = len(evidence.design.groups)
+    rows: list[list[Array]] = [[] for _ in range(groups)]
+    for g, left in _left_rows(evidence):
+        rows[g].append(left)
+    size = _moment_samples(evidence)
+    return np.array([largest_moment(series, size, ALPHA / groups) for series in rows])
+
+
+def largest_moment(series: Sequence[Array], size: int, chance: float) -> float:
+    r"""Gives the mean square that no moment of noise exceeds, in units of its power, but by chance.
+
+    The mean square of k samples with the correlations \rho_i scatters as that of
+
+        m = k / (1 + 2 \sum_{i < k} (1 - i / k) \rho_i^2)
+
+    samples without correlation; its quantile is \chi^2_{1 - \alpha / w}(m) / m, w the number of such samples in all, as
+    many as there are moments that differ.
+
+    Args:
+        series: Noise, one array per recording.
+        size: k, samples of a moment, two at least.
+        chance: \alpha, probability that any moment exceeds it.
+    """
+    products = np.zeros(size)
+    for rows in series:
+        lags = min(size, len(rows))
+        products[:lags] += [float(rows[i:] @ rows[: len(rows) - i]) for i in range(lags)]
+    correlation = products[1:] / max(products[0], np.finfo(float).tiny)
+    share = 1.0 - np.arange(1, size) / size
+    independent = size / (1.0 + 2.0 * float(correlation**2 @ share))
+    moments = max(sum(map(len, series)) * independent / size, 1.0)
+    return float(chi2.isf(chance / moments, independent) / independent)
+
+
+def _left_rows(evidence: Evidence) -> Iterator[tuple[int, Array]]:
+    """What the model leaves of each recording in the rows that count, with its group."""
     for r in range(len(evidence.prepared)):
         for g, left in enumerate(evidence.plain.left(evidence.model_fit, r)):
-            rows = left[evidence.counted(r, g)]
-            if len(rows) >= size:
-                moments = sliding_window_view(rows, size)
-                worst[g] = max(worst[g], float(np.mean(moments**2, axis=1).max()))
-    return worst
+            yield g, left[evidence.counted(r, g)]
+
+
+def _moment_samples(evidence: Evidence) -> int:
+    return max(2, round(MOMENT * evidence.design.rate))
 
 
 def is_small(cause: Cause, evidence: Evidence, limits: Array) -> bool:
