@@ -238,8 +238,8 @@ def test_what_lasts_for_a_moment_is_judged_while_it_lasts(moment: float, counts:
     """A cable that snags for half a second of a long recording: little by its mean, and not by itself."""
     found = diagnosis(verdict="unexplained", explained=False)
     seen = evidence(0.0, 0.05, noise=0.05)
-    left, rows = np.full(1000, 0.05), np.ones(1000, dtype=bool)
-    left[500:510] = 0.05 * moment
+    left, rows = 0.05 * np.random.default_rng(3).normal(size=1000), np.ones(1000, dtype=bool)
+    left[500:510] *= moment
     rows[500:510] = counts
     seen.plain.left = lambda *_: [left]
     seen.counted = lambda *_: rows
