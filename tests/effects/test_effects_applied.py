@@ -43,7 +43,7 @@ AT_MOTORS = (
 AT_LINKS = (
     applied("viscous_friction", L, P + "lift", fv=1.7),
     applied("coulomb_friction", L, P + "bend", fc=1.1),
-    applied("hysteresis", L, P + "roll", s0=16.0, fc=0.5),
+    applied("hysteresis", L, P + "roll", s0=16.0, fc=0.5, i=1.7),
     applied("torque_ripple", L, P + "tilt", A=0.4, N=16.0, phi=-1.0),
     applied("torque_offset", L, P + "spin", c=0.3),
     applied("parallel_spring", L, S + "lift", k=17.0, preload=-4.0),

@@ -13,7 +13,7 @@ remains in reported velocities alone changes none, as nothing is simulated with 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -91,8 +91,10 @@ def _left_is_small(found: Diagnosis, evidence: Evidence, limits: Array) -> bool:
     judged = [
         not failing or (residual, joints[joint]) in failing for residual, joint in evidence.design.groups
     ]
-    noise = worst_moment_of_noise(evidence) * np.mean(evidence.floor.rms**2, axis=0)
-    calm = worst_moment(evidence) <= limits**2 + noise
+    size, series = max(2, round(MOMENT * evidence.design.rate)), _left_rows(evidence)
+    reached = np.array([largest_moment(rows, size, ALPHA / len(series)) for rows in series])
+    noise = reached * np.mean(evidence.floor.rms**2, axis=0)
+    calm = np.array([loudest_moment(rows, size) for rows in series]) <= limits**2 + noise
     return bool(np.all(((beside_noise(evidence) <= limits) & calm)[judged]))
 
 
@@ -103,25 +105,10 @@ def beside_noise(evidence: Evidence) -> Array:
     return np.asarray(np.sqrt(np.clip(left**2 - noise, 0.0, None)))
 
 
-def worst_moment(evidence: Evidence) -> Array:
-    """(groups,) largest mean square of half a second of what the model leaves, in each group's unit squared."""
-    size = _moment_samples(evidence)
-    worst = np.zeros(len(evidence.design.groups))
-    for g, rows in _left_rows(evidence):
-        if len(rows) >= size:
-            moments = sliding_window_view(rows, size)
-            worst[g] = max(worst[g], float(np.mean(moments**2, axis=1).max()))
-    return worst
-
-
-def worst_moment_of_noise(evidence: Evidence) -> Array:
-    """(groups,) largest mean square of half a second that noise of the remainder's colour reaches, over its power."""
-    groups = len(evidence.design.groups)
-    rows: list[list[Array]] = [[] for _ in range(groups)]
-    for g, left in _left_rows(evidence):
-        rows[g].append(left)
-    size = _moment_samples(evidence)
-    return np.array([largest_moment(series, size, ALPHA / groups) for series in rows])
+def loudest_moment(series: Sequence[Array], size: int) -> float:
+    """Gives the largest mean square of ``size`` samples in a row; zero where no recording has so many."""
+    moments = [sliding_window_view(rows, size) for rows in series if len(rows) >= size]
+    return max((float(np.mean(windows**2, axis=1).max()) for windows in moments), default=0.0)
 
 
 def largest_moment(series: Sequence[Array], size: int, chance: float) -> float:
@@ -150,15 +137,11 @@ def largest_moment(series: Sequence[Array], size: int, chance: float) -> float:
     return float(chi2.isf(chance / moments, independent) / independent)
 
 
-def _left_rows(evidence: Evidence) -> Iterator[tuple[int, Array]]:
-    """What the model leaves of each recording in the rows that count, with its group."""
-    for r in range(len(evidence.prepared)):
-        for g, left in enumerate(evidence.plain.left(evidence.model_fit, r)):
-            yield g, left[evidence.counted(r, g)]
-
-
-def _moment_samples(evidence: Evidence) -> int:
-    return max(2, round(MOMENT * evidence.design.rate))
+def _left_rows(evidence: Evidence) -> list[list[Array]]:
+    """What the model leaves of each recording in the rows that count: group -> recording -> (m,), in its unit."""
+    left = [evidence.plain.left(evidence.model_fit, r) for r in range(len(evidence.prepared))]
+    groups = range(len(evidence.design.groups))
+    return [[one[g][evidence.counted(r, g)] for r, one in enumerate(left)] for g in groups]
 
 
 def is_small(cause: Cause, evidence: Evidence, limits: Array) -> bool:
