@@ -131,18 +131,26 @@ def test_constant_parts_that_take_each_other_back_are_none(own: float, other: fl
     assert not judged(with_constant("offset", other))
 
 
-def test_a_cause_is_credited_with_what_it_explains_beyond_the_stronger_ones() -> None:
-    """Three terms that explain 6, 3 and 2 of 10 alone; the second is half contained in the first."""
-    terms = [SimpleNamespace(name=name) for name in "abc"]
-    left = {"": 10.0, "a": 8.0, "b": 4.0, "c": 7.0, "bc": 2.5, "abc": 2.5}
+def ranked(names: str, left: dict[str, float]) -> list[tuple[str, float]]:
+    """What `ranked_terms` gives where each set of terms leaves the given power."""
     evidence = SimpleNamespace(
-        model_fit=SimpleNamespace(model=terms),
+        model_fit=SimpleNamespace(model=[SimpleNamespace(name=name) for name in names]),
         selector=SimpleNamespace(model_fit=lambda model: "".join(sorted(term.name for term in model))),
         excess=lambda names: left[names],
     )
-    found = ranked_terms(evidence)
-    assert [term.name for term, _ in found] == ["b", "c", "a"]
-    assert [gain for _, gain in found] == pytest.approx([6.0, 1.5, 1e-12])
+    return [(term.name, gain) for term, gain in ranked_terms(evidence)]
+
+
+def test_a_cause_is_credited_with_what_it_explains_beyond_the_stronger_ones() -> None:
+    """Three terms that explain 6, 3 and 2 of 10 alone; all that the third explains is in the others."""
+    left = {"": 10.0, "a": 8.0, "b": 4.0, "c": 7.0, "ab": 4.0, "ac": 6.5, "bc": 2.5, "abc": 2.5}
+    assert ranked("abc", left) == [("b", 6.0), ("c", pytest.approx(1.5)), ("a", 1e-12)]
+
+
+def test_causes_that_act_against_each_other_are_both_credited() -> None:
+    """A lean of the base and a spring against it: either alone makes a gap of 10 larger, both close it."""
+    left = {"": 10.0, "a": 25.0, "b": 16.0, "ab": 1.0}
+    assert ranked("ab", left) == [("b", 24.0), ("a", 15.0)]
 
 
 @pytest.mark.parametrize(

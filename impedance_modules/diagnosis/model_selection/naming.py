@@ -19,14 +19,20 @@ LEAST_WEIGHT = 1e-5
 
 
 def ranked_terms(evidence: Evidence) -> list[tuple[ModelTerm, float]]:
-    """Each accepted term with the power that it explains beyond those that explain more alone."""
+    """Each accepted term with the power that it explains beyond those that explain more alone, or beyond all others.
+
+    The larger of the two counts. Of two terms that explain the same, the second leaves nothing to gain in the first
+    way; two that act against each other (a lean of the base and a spring that holds against it) may both make the gap
+    larger alone, and only the second way shows that neither can be missed.
+    """
 
     def left(model: Sequence[ModelTerm]) -> float:
         return evidence.excess(evidence.selector.model_fit(model))
 
     order = sorted(evidence.model_fit.model, key=lambda term: left([term]))
     steps = [left(order[:count]) for count in range(len(order) + 1)]
-    return [(term, max(steps[i] - steps[i + 1], 1e-12)) for i, term in enumerate(order)]
+    missed = [left([*order[:i], *order[i + 1 :]]) - steps[-1] for i in range(len(order))]
+    return [(term, max(steps[i] - steps[i + 1], missed[i], 1e-12)) for i, term in enumerate(order)]
 
 
 def without_negligible(evidence: Evidence) -> tuple[Evidence, tuple[str, ...]]:
