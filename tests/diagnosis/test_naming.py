@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is accepted and not named: numbers within chance, next to no weight, a motion that becomes worse."""
+"""What is accepted and not named: chance, what held-out recordings do not need, what worsens the motion."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from hypothesis import strategies as st
 from scipy.stats import chi2
 
 from impedance_modules.diagnosis.model_selection import naming
+from impedance_modules.diagnosis.model_selection.acceptance import REDUCTION_MIN
 from impedance_modules.diagnosis.model_selection.naming import (
-    LEAST_WEIGHT,
     rejected_by_motion,
     rejection,
     without_causes,
-    without_negligible,
     without_uncertain,
+    without_unconfirmed,
 )
 from impedance_modules.diagnosis.regression import parameter_estimates
-from impedance_modules.diagnosis.regression.parameter_estimates import beyond_chance
+from impedance_modules.diagnosis.regression.parameter_estimates import beyond_chance, beyond_simpler
 
 
 def term(effect: str, joint: str = "elbow", port: str = "link") -> SimpleNamespace:
@@ -36,6 +36,8 @@ class Evidence:
     powers: dict[str, float]
     model_fit: SimpleNamespace
     pushed_share: float = 0.0
+    calibrated: SimpleNamespace | None = None
+    heldout: tuple[int, ...] = (0,)
     selector: SimpleNamespace = field(
         default_factory=lambda: SimpleNamespace(
             model_fit=lambda model: SimpleNamespace(model=list(model)), refiner=None
@@ -55,23 +57,42 @@ def named(found: Evidence) -> list[str]:
     return [one.key[0] for one in found.model_fit.model]
 
 
-def test_what_explains_next_to_nothing_is_not_named_and_said() -> None:
-    least = 100.0 * LEAST_WEIGHT
-    given_ = evidence(spring=100.0, friction=2.0 * least, noise=0.5 * least, crumb=0.1 * least)
-    found, notes = without_negligible(given_)
+def held_out(**parts: float) -> Evidence:
+    """Terms of one joint each; without them that part of its held-out squares comes back."""
+    terms = [replaced(term(effect), groups=(g,)) for g, effect in enumerate(parts)]
+
+    def fit(model: list[SimpleNamespace]) -> SimpleNamespace:
+        named = {one.key[0] for one in model}
+        left = np.array([1.0 - part * (effect in named) for effect, part in parts.items()])
+        return SimpleNamespace(
+            model=list(model), whole=SimpleNamespace(coefficients=None), squares=lambda *rest: 50.0 * left
+        )
+
+    selector = SimpleNamespace(model_fit=fit, refiner=None)
+    return Evidence(parts, fit(terms), selector=selector, calibrated=fit([]))
+
+
+def replaced(one: SimpleNamespace, **values: object) -> SimpleNamespace:
+    return SimpleNamespace(**{**vars(one), **values})
+
+
+def test_what_the_held_out_recordings_do_not_need_is_not_named_and_said() -> None:
+    least = REDUCTION_MIN
+    found, notes = without_unconfirmed(
+        held_out(spring=0.9, friction=1.1 * least, noise=0.9 * least, worse=-0.3)
+    )
     assert named(found) == ["spring", "friction"]
-    assert [note.split(" on ")[0] for note in notes] == ["not named: crumb", "not named: noise"]
-    assert without_negligible(found) == (found, ())
-    alone, notes = without_negligible(evidence(spring=1e-9))
-    assert named(alone) == ["spring"] and notes == ()
+    assert [note.split(" on ")[0] for note in notes] == ["not named: worse", "not named: noise"]
+    assert without_unconfirmed(found) == (found, ())
 
 
-def test_beside_pushes_the_rest_of_the_gap_is_what_terms_explain() -> None:
-    """A push makes all of the gap: an elastic joint fitted to the noise beside it was named with weight zero."""
-    beside = evidence(spring=100.0, friction=30.0)
-    assert without_negligible(replace(beside, pushed_share=0.9)) == (replace(beside, pushed_share=0.9), ())
-    found, notes = without_negligible(replace(beside, pushed_share=1.0))
-    assert named(found) == [] and len(notes) == 2
+def test_beside_pushes_that_make_all_of_the_gap_nothing_is_named() -> None:
+    """An elastic joint fitted to the noise beside a push was named with weight zero."""
+    beside = held_out(spring=0.9, friction=0.3)
+    assert without_unconfirmed(replace(beside, pushed_share=0.9))[1] == ()
+    found, notes = without_unconfirmed(replace(beside, pushed_share=1.0))
+    assert named(found) == []
+    assert [note.split(": ")[-1] for note in notes] == ["pushes make all of the gap"] * 2
 
 
 def cause(effect: str, verdict: str | None, port: str = "link") -> SimpleNamespace:
@@ -161,3 +182,23 @@ def test_a_direction_that_nothing_tells_does_not_count(monkeypatch: pytest.Monke
     assert fitted(np.zeros(0), np.zeros((0, 0)), monkeypatch)
     # A torque that is there without its coefficients is not judged by them.
     assert fitted(np.zeros(2), together, monkeypatch, fixed=True)
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "error", "more"),
+    [(3.0, 1.0, True), (1.9, 1.0, False), (-5.0, 1.0, False), (0.03, 0.003, True)],
+)
+def test_a_spring_without_a_certain_stiffness_is_an_offset(
+    stiffness: float, error: float, more: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of k and preload, k makes it a spring; it is not negative, whatever the noise says."""
+    one = SimpleNamespace(
+        shaped=SimpleNamespace(size=2, shape={}, lower=np.array([0.0, -np.inf]), upper=np.full(2, np.inf)),
+        candidate=SimpleNamespace(effect=SimpleNamespace(shape=(), contrasts=((1.0, 0.0),))),
+    )
+    covariance = np.array([[error**2, 0.1 * error], [0.1 * error, 0.04]])
+    monkeypatch.setattr(parameter_estimates, "_covariance", lambda *rest: covariance)
+    fit = SimpleNamespace(model=[one], of=lambda index: np.array([stiffness, 5.0]))
+    assert beyond_simpler(fit, None, 0) is more
+    one.candidate.effect.contrasts = ()
+    assert beyond_simpler(fit, None, 0)

@@ -81,10 +81,50 @@ def test_what_is_removed_is_remembered_and_the_search_goes_on(monkeypatch: pytes
     selector = SimpleNamespace(
         model_fit=lambda model: None, trials=None, rejection_reason=None, refiner=None, _removals=Counter()
     )
-    selector._add_causes = add_causes
+    selector._add_causes, selector._simplest = add_causes, list
     found = Selector.run(selector, lambda text: None)
     assert begun == [[], [first, third]] and found.causes == (first, third)
     assert selector._removals == Counter({second.key: 1})
+
+
+@pytest.mark.parametrize(
+    ("stiff", "joint", "free", "reach", "reason", "taken"),
+    [
+        (False, "elbow", 1, 1.0, None, "torque_offset"),
+        (True, "elbow", 1, 1.0, None, "parallel_spring"),
+        (False, "wrist", 1, 1.0, None, "parallel_spring"),
+        (False, "elbow", 2, 1.0, None, "parallel_spring"),
+        (False, "elbow", 1, 0.98, None, "parallel_spring"),
+        (False, "elbow", 1, 1.0, "helps nowhere", "parallel_spring"),
+    ],
+)
+def test_a_simpler_law_on_the_same_joint_takes_the_place_of_one_with_numbers_that_may_be_chance(
+    monkeypatch: pytest.MonkeyPatch,
+    *,
+    stiff: bool,
+    joint: str,
+    free: int,
+    reach: float,
+    reason: str | None,
+    taken: str,
+) -> None:
+    """A spring that was found beside a cause that is gone: its stiffness may be none, and an offset explains it."""
+
+    def trial(effect: str, joint: str, free: int, reach: float) -> SimpleNamespace:
+        one = term(joint, 0, effect=effect)
+        one.layout = SimpleNamespace(free=free)
+        return SimpleNamespace(term=one, reach_on=lambda groups: reach)
+
+    other, own = term("base", 0, 1), trial("parallel_spring", "elbow", 2, 1.0)
+    offset = trial("torque_offset", joint, free, reach)
+    monkeypatch.setattr(forward_selection, "beyond_simpler", lambda fit, refiner, index: stiff or index == 0)
+    monkeypatch.setattr(forward_selection, "try_term", lambda rest, one: own)
+    monkeypatch.setattr(forward_selection, "penalised_gain", lambda one: 1.0)
+    selector = SimpleNamespace(
+        model_fit=list, refiner=None, trials=lambda rest: [offset], rejection_reason=lambda one: reason
+    )
+    found = Selector._simplest(selector, [other, own.term])
+    assert [one.key[0] for one in found] == ["viscous_friction", taken]
 
 
 def test_the_best_order_that_holds_elsewhere_explains(monkeypatch: pytest.MonkeyPatch) -> None:

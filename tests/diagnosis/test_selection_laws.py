@@ -18,7 +18,8 @@ from impedance_modules.diagnosis.model_selection.candidate_trial import (
     term_products,
     try_term,
 )
-from impedance_modules.diagnosis.model_selection.cause_search import validated_on_holdout
+from impedance_modules.diagnosis.model_selection.evidence import Evidence
+from impedance_modules.diagnosis.model_selection.naming import without_unconfirmed
 from impedance_modules.diagnosis.model_selection.screening import Screening
 from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm, term_of
 from impedance_modules.diagnosis.regression.parameter_estimates import _covariance
@@ -304,28 +305,34 @@ def test_screening_leaves_out_what_the_model_holds_and_what_equals_it() -> None:
     assert Screening(design, (0, 1, 2, 3)).rank(fitted(design, term_of(design, first))) == []
 
 
-# The held-out recordings have the last word where no repeats measured the noise.
+# The held-out recordings have the last word.
 
 
-def test_a_cause_that_the_held_out_recording_does_not_have_goes() -> None:
+def with_held_out(y: tuple, design: Any, *names: Any) -> Evidence:
+    """Evidence of some candidates for rows, of which the last recording is held out."""
+    other = replace(design, y=y, raw=y)
+    make = SimpleNamespace(model_fit=lambda model: fitted(other, *model))
+    terms = [term_of(other, name) for name in names]
+    return Evidence(make, (len(y) - 1,), (), make.model_fit(terms), None, None, None)
+
+
+@pytest.mark.parametrize("weak", [True, False])
+def test_a_cause_that_the_held_out_recording_does_not_have_goes(weak: bool) -> None:
+    """The recording has it backwards: whether or not repeats measured the noise."""
     model_fit, new = sample(3)
-    design = model_fit.design
+    design = replace(
+        model_fit.design, whitening=SimpleNamespace(**{**vars(model_fit.design.whitening), "weak": weak})
+    )
     y = [list(found) for found in design.y]
-    last = len(y) - 1
-    for g, block in new.columns[last].items():
-        y[last][g] = y[last][g] - 2.0 * block @ np.array([1.0, -2.0])
+    for g, block in new.columns[len(y) - 1].items():
+        y[-1][g] = y[-1][g] - 2.0 * block @ np.array([1.0, -2.0])
     rows = tuple(tuple(found) for found in y)
-    weak = SimpleNamespace(**{**vars(design.whitening), "weak": True})
-
-    def kept(y: tuple, whitening: SimpleNamespace) -> list[str]:
-        other = replace(design, y=y, raw=y, whitening=whitening)
-        terms = [term_of(other, KNOWN), term_of(other, NEW)]
-        found = validated_on_holdout(fitted(other, *terms), lambda model: fitted(other, *model), (last,))
-        return [term.key[0] for term in found]
-
-    assert kept(design.y, weak) == ["known", "new"]
-    assert kept(rows, weak) == ["known"]
-    assert kept(rows, design.whitening) == ["known", "new"]
+    named = replace(NEW, shaped=replace(NEW.shaped, candidate=SimpleNamespace(name="new on b")))
+    found, notes = without_unconfirmed(with_held_out(design.y, design, KNOWN, named))
+    assert [term.key[0] for term in found.model_fit.model] == ["known", "new"] and notes == ()
+    found, notes = without_unconfirmed(with_held_out(rows, design, KNOWN, named))
+    assert [term.key[0] for term in found.model_fit.model] == ["known"]
+    assert notes == ("not named: new on b: held-out recordings do not need it",)
 
 
 def numberless(size: int) -> Any:

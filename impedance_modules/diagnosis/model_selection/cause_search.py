@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 r"""Search of the causes: candidate columns, noise floor, forward selection, contact, tests of significance.
 
-Three tests end the search. A cause must take more than a negligible part of a joint's load; its numbers must differ
-from none with 95 % confidence, by the errors that they are printed with; and where no repeats measure the noise
-floor, it must lower the residual of the held-out recordings.
+Two tests end the search. A cause must take more than a negligible part of a joint's load, and its numbers must differ
+from none with 95 % confidence, by the errors that they are printed with.
 """
 
 from __future__ import annotations
@@ -45,6 +44,7 @@ from impedance_modules.diagnosis.regression.noise_floor import (
 )
 from impedance_modules.diagnosis.regression.nuisance_columns import NuisanceColumns, build_nuisance
 from impedance_modules.diagnosis.regression.parameter_estimates import UnwhitenedFit, beyond_chance, estimates
+from impedance_modules.diagnosis.regression.sensor_noise import read_noise
 from impedance_modules.diagnosis.regression.shape_refinement import ShapeRefiner
 from impedance_modules.diagnosis.regression.whitening import Whitening
 from impedance_modules.diagnosis.residuals.contact_mask import (
@@ -101,7 +101,7 @@ def search_causes(
     if ExternalContact.description.id not in without:
         selector, found, pushes = _without_pushes(selector, found, prepared, progress)
     plain = UnwhitenedFit(selector.refiner)
-    model_fit = _tested(selector, found.causes, plain, prepared, split.heldout)
+    model_fit = _tested(selector, found.causes, plain, prepared)
     floor, pairs = selector.design.whitening, repeat_pairs(prepared, split.fitted)
     if pairs:
         # With the causes known, differences between repeated motions no longer raise the noise floor.
@@ -143,7 +143,9 @@ def _selector(
     design = build_design([*regressors, *generic], nuisance, raw, floor, names=names, rate=rate)
     del regressors
     refiner = ShapeRefiner(design, prepared, signals)
-    selector = Selector(design, split.folds, refiner, model.position_resolution)
+    # Noise of a position hides as much as a grid does; a grid is noise, too, where none is stated.
+    unseen = max(model.position_resolution, *(float(read_noise(item).max()) for item in prepared))
+    selector = Selector(design, split.folds, refiner, unseen)
     return selector.on(design.without(mask)) if mask else selector
 
 
@@ -197,15 +199,13 @@ def _tested(
     causes: Sequence[ModelTerm],
     plain: UnwhitenedFit,
     prepared: Sequence[Prepared],
-    heldout: Sequence[int],
 ) -> ModelFit:
-    """Fits the causes that pass all three tests of significance, again without the others until all of them do."""
+    """Fits the causes that pass both tests of significance, again without the others until all of them do."""
     model_fit = selector.model_fit(causes)
     while True:
         tests = (
             above_negligible(model_fit, plain, negligible(prepared, selector.design.groups)),
             significant_terms(model_fit, selector.refiner),
-            validated_on_holdout(model_fit, selector.model_fit, heldout),
         )
         model = [term for term in model_fit.model if all(term in kept for kept in tests)]
         if len(model) == len(model_fit.model):
@@ -228,32 +228,6 @@ def _significant(model_fit: ModelFit, refiner: ShapeRefiner, index: int, term: M
     neutral = effect.description.parameters[0].neutral
     (found,) = estimates(model_fit, refiner, index, prismatic=False).values()
     return abs(found.value - neutral) > SIGMA * found.std
-
-
-def validated_on_holdout(
-    model_fit: ModelFit, refit: Callable[[Sequence[ModelTerm]], ModelFit], heldout: Sequence[int]
-) -> list[ModelTerm]:
-    """Terms that lower the residual of the held-out recordings; all terms where repeats measure the noise.
-
-    A weak noise floor lets small false causes in; a term that does not lower the held-out residual is one of them. With
-    repeats the floor is known, and a held-out motion that the nuisance extrapolates badly must not reject a cause.
-
-    Args:
-        model_fit: The model.
-        refit: Fits a model with fewer terms.
-        heldout: The held-out recordings.
-    """
-    if not model_fit.design.whitening.weak:
-        return list(model_fit.model)
-    with_all = model_fit.squares(model_fit.whole.coefficients, heldout)
-    kept = []
-    for term in model_fit.model:
-        rest = refit([other for other in model_fit.model if other is not term])
-        without = rest.squares(rest.whole.coefficients, heldout)
-        groups = list(term.groups)
-        if float(with_all[groups].sum()) < float(without[groups].sum()):
-            kept.append(term)
-    return kept
 
 
 def _refitted_pushes(

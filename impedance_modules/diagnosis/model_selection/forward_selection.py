@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from impedance_modules.diagnosis.model_selection.acceptance import (
+    ALMOST_ALL,
     BIC_MIN,
     best_of_each,
     both_delay_torque,
@@ -27,6 +28,7 @@ from impedance_modules.diagnosis.model_selection.plausibility import Plausibilit
 from impedance_modules.diagnosis.model_selection.screening import ScreenedCandidate, Screening
 from impedance_modules.diagnosis.regression.design_matrix import ColumnLayout, Design
 from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm, term_of
+from impedance_modules.diagnosis.regression.parameter_estimates import beyond_simpler
 from impedance_modules.diagnosis.regression.shape_refinement import ShapeRefiner
 
 RejectionReason = Callable[[CandidateTrial], str | None]
@@ -86,7 +88,7 @@ class Selector:
         folds: Fitted recordings by fold.
         screen: Ranks the candidates before they are tried.
         refiner: Moves shapes off their grid.
-        resolution: Grid of the position sensors [rad]; zero where nothing is stated.
+        resolution: Grid of the position sensors, or their noise where it is larger [rad].
     """
 
     def __init__(
@@ -128,7 +130,7 @@ class Selector:
             if len(model) == len(grown):
                 break
             self._removals.update(term.key for term in grown if term not in model)
-        return Selection(tuple(model), refusal)
+        return Selection(tuple(self._simplest(model)), refusal)
 
     def _add_causes(
         self, model: list[ModelTerm], progress: Callable[[str], None]
@@ -220,6 +222,29 @@ class Selector:
             new = try_term(model_fit, self.refiner.refine(model_fit, old.term))
             out.append(new if new.gain > old.gain else old)
         return [*out, *ranked[REFINED:]]
+
+    def _simplest(self, model: Sequence[ModelTerm]) -> list[ModelTerm]:
+        """Puts simpler laws on the same joints in the place of those whose further numbers may all be chance.
+
+        A spring of no stiffness for certain is an offset: both were found beside causes that are gone now.
+        """
+        kept = list(model)
+        for index, term in enumerate(model):
+            if beyond_simpler(self.model_fit(kept), self.refiner, index):
+                continue
+            rest = self.model_fit([other for other in kept if other is not term])
+            own = try_term(rest, term)
+            simpler = [
+                trial
+                for trial in self.trials(rest)
+                if trial.term.key[1] == term.key[1]
+                and trial.term.layout.free < term.layout.free
+                and trial.reach_on(term.groups) >= ALMOST_ALL * own.reach_on(term.groups)
+                and self.rejection_reason(trial) is None
+            ]
+            if simpler:
+                kept[index] = max(simpler, key=penalised_gain).term
+        return kept
 
     def _exchange(self, model: list[ModelTerm]) -> list[ModelTerm]:
         """Replaces an accepted cause by another that does better now that the last one is known, and then the last."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Which accepted terms are named: none that explains next to nothing, may be chance, or worsens the simulated motion.
+"""Which accepted terms are named: none that held-out recordings do not need, that may be chance, or worsens a rollout.
 
 What is not named is no part of the model either: gap, remainder and patch are those of the named causes alone.
 """
@@ -9,13 +9,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from impedance_modules.diagnosis.model_selection.acceptance import REDUCTION_MIN
 from impedance_modules.diagnosis.model_selection.cause_search import significant_terms
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
-from impedance_modules.diagnosis.regression.model_fit import ModelTerm
+from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm
 from impedance_modules.diagnosis.result import Cause
-
-LEAST_WEIGHT = 1e-5
-"""Part of the explained power below which a cause is not named: a three hundredth of the gap's size."""
 
 
 def ranked_terms(evidence: Evidence) -> list[tuple[ModelTerm, float]]:
@@ -35,25 +33,40 @@ def ranked_terms(evidence: Evidence) -> list[tuple[ModelTerm, float]]:
     return [(term, max(steps[i] - steps[i + 1], missed[i], 1e-12)) for i, term in enumerate(order)]
 
 
-def without_negligible(evidence: Evidence) -> tuple[Evidence, tuple[str, ...]]:
-    """Leaves out the terms of negligible weight, one after the other, the least first.
+def held_out_part(evidence: Evidence, term: ModelTerm) -> float:
+    """Part of the held-out squares, where a term acts, that comes back when the term is left out.
 
-    Beside pushes from outside, what they make of the gap is none of the terms'.
+    Of the squares that the model without any cause leaves there, in units of the noise, with the others fitted anew.
+    """
+    model_fit, groups = evidence.model_fit, list(term.groups)
+    rest = [other for other in model_fit.model if other is not term]
+
+    def squares(fit: ModelFit) -> float:
+        return float(fit.squares(fit.whole.coefficients, evidence.heldout)[groups].sum())
+
+    before = squares(evidence.calibrated)
+    return (squares(evidence.selector.model_fit(rest)) - squares(model_fit)) / before if before > 0.0 else 0.0
+
+
+def without_unconfirmed(evidence: Evidence) -> tuple[Evidence, tuple[str, ...]]:
+    """Leaves out the terms that the held-out recordings do not need, one after the other, the least first.
+
+    A term must remove as much of them, where it acts, as it had to remove of the other recordings to be accepted. Of
+    two that explain the same, one stays. Beside pushes that make all of the gap no term is needed.
 
     Returns:
         The evidence with the others fitted again, and a sentence for each that was left out.
     """
     notes: list[str] = []
-    part = 1.0 - evidence.pushed_share
     while evidence.model_fit.model:
-        ranked = ranked_terms(evidence)
-        whole = sum(gain for _, gain in ranked)
-        term, least = min(ranked, key=lambda item: item[1])
-        if part * least >= LEAST_WEIGHT * whole:
+        parts = [(term, held_out_part(evidence, term)) for term in evidence.model_fit.model]
+        term, least = min(parts, key=lambda item: item[1])
+        if least >= REDUCTION_MIN and evidence.pushed_share < 1.0:
             break
-        notes.append(
-            f"not named: {term.candidate.name}, which explains less than {LEAST_WEIGHT:g} of the gap"
+        where = (
+            "pushes make all of the gap" if least >= REDUCTION_MIN else "held-out recordings do not need it"
         )
+        notes.append(f"not named: {term.candidate.name}: {where}")
         evidence = _without(evidence, [term])
     return evidence, tuple(notes)
 

@@ -16,7 +16,7 @@ from impedance_modules.diagnosis.model_selection.naming import (
     rejection,
     terms_of,
     without_causes,
-    without_negligible,
+    without_unconfirmed,
 )
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.diagnosis.result import Cause
@@ -65,6 +65,6 @@ class RepeatedSearch:
     def _found(self) -> tuple[Evidence, tuple[str, ...]]:
         self._progress("evaluating candidates")
         evidence = self._search(refused=self._refused)
-        evidence, small = without_negligible(evidence)
+        evidence, unneeded = without_unconfirmed(evidence)
         pushed = push_notes(evidence.pushes, self._prepared)
-        return evidence, (*pushed, *evidence.notes, *self._refusals, *small)
+        return evidence, (*pushed, *evidence.notes, *self._refusals, *unneeded)

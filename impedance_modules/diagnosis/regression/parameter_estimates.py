@@ -135,16 +135,42 @@ def beyond_chance(model_fit: ModelFit, refiner: ShapeRefiner, index: int) -> boo
     about which it is linearised).
     """
     term = model_fit.model[index]
-    size = term.shaped.size
-    if size == 0 or term.shaped.fixed:
+    if term.shaped.size == 0 or term.shaped.fixed:
         return True
+    return _differs(model_fit.of(index), _own_covariance(model_fit, refiner, index))
+
+
+def beyond_simpler(model_fit: ModelFit, refiner: ShapeRefiner, index: int) -> bool:
+    r"""Whether what makes a term more than a simpler law is surely there, by the errors that its numbers have.
+
+        (L c)^T (L C L^T)^{-1} L c > \chi^2_{95 \%}(rank of L C L^T)
+
+    L holds the effect's contrasts, which are zero where a simpler law would do; c lies within its bounds. True for an
+    effect without any.
+    """
+    term = model_fit.model[index]
+    rows = term.candidate.effect.contrasts
+    if not rows or len(rows[0]) != term.shaped.size:
+        return True
+    L = np.array(rows)
+    found = np.clip(model_fit.of(index), term.shaped.lower, term.shaped.upper)
+    return _differs(L @ found, L @ _own_covariance(model_fit, refiner, index) @ L.T)
+
+
+def _own_covariance(model_fit: ModelFit, refiner: ShapeRefiner, index: int) -> Array:
+    """Of a term's coefficients, (p, p), in their own units."""
+    term = model_fit.model[index]
     symbols = [symbol for symbol in term.shaped.shape if symbol in term.candidate.effect.shape]
-    covariance = _covariance(model_fit, refiner, index, symbols)[:size, :size]
-    # In units of each coefficient's own error: inertias have very different ones.
+    return _covariance(model_fit, refiner, index, symbols)[: term.shaped.size, : term.shaped.size]
+
+
+def _differs(values: Array, covariance: Array) -> bool:
+    """Whether values (p,) with a covariance (p, p) are surely not all zero."""
+    # In units of each value's own error: inertias have very different ones.
     spread = np.sqrt(np.clip(np.diag(covariance), np.finfo(float).tiny, None))
     parts, axes = np.linalg.eigh(covariance / np.outer(spread, spread))
     known = parts > RANK * parts[-1]
-    along = (axes[:, known].T @ (model_fit.of(index) / spread)) ** 2 / parts[known]
+    along = (axes[:, known].T @ (values / spread)) ** 2 / parts[known]
     return float(along.sum()) > float(chi2.ppf(CONFIDENCE, int(known.sum())))
 
 

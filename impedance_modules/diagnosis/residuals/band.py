@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TypeVar
 
 import numpy as np
@@ -33,6 +33,10 @@ BAND_MIN, BAND_MAX = 3.0, 20.0
 BAND_LEAST = 0.5
 """Least end of the band of a deflection [Hz]."""
 
+DEFLECTION_FLAT = 1.5
+"""Cutoff of a deflection's filter over the end of its band, 96 % of which passes: an arm that swings on its springs
+moves most just there."""
+
 WORK_RATE = 200.0
 """Recordings with a higher rate are thinned to it, after a zero-phase filter [Hz]."""
 
@@ -40,8 +44,8 @@ FLAT_UNTIL = 0.4
 """Frequency up to which thinned samples are whole [cycles per sample]."""
 
 NOISE_ONLY = (0.25, 0.38)
-"""Frequencies [cycles per sample] between which a position holds nothing but noise: beyond motion, before what thinning
-filtered away."""
+"""Frequencies [cycles per sample] between which a thinned reading holds nothing but noise: beyond motion, before what
+thinning filtered away."""
 
 NOISE_EXCESS = 10.0
 """Times its noise beyond which a position's power is motion: a tenth of the noise is left at most."""
@@ -181,17 +185,19 @@ def least_duration(cutoff: float, rows: int) -> float:
 
 
 def deflection_cutoffs(log: Log) -> Array:
-    """Finds up to where (n,) the torque that bends a joint's spring may be differentiated twice [Hz].
+    """Finds the cutoffs (n,) of the torques that bend the joints' springs, before they are differentiated twice [Hz].
 
-    Up to there the noise of its reading, or of the positions whose accelerations make it, stays below `NOISE_SHARE` of
-    the derivative.
+    At the end of their band the noise of the reading, or of the positions whose accelerations make them, is
+    `NOISE_SHARE` of the derivative; the filter is flat up to there.
     """
+    # Each derivative lifts the noise, too: single frequencies of it would pass for all the motion there is.
+    known = partial(_cutoff, rate=log.rate, bins=BINS, beyond=NOISE_ONLY)
     if log.effort is not None and log.effort_source == "joint_sensor":
-        # A torque's noise is near its signal: single frequencies of it, differentiated, would pass for all there is.
-        found = [_cutoff(column, log.rate, bins=BINS, beyond=NOISE_ONLY) for column in log.effort.T]
+        found = [known(column) for column in log.effort.T]
     else:
-        found = [_cutoff(column, log.rate, derivatives=4) for column in log.position.T]
-    return np.array([BAND_LEAST if cutoff is None else max(cutoff, BAND_LEAST) for cutoff in found])
+        found = [known(column, derivatives=4) for column in log.position.T]
+    ends = [BAND_LEAST if end is None else max(end, BAND_LEAST) for end in found]
+    return DEFLECTION_FLAT * np.array(ends)
 
 
 def above_noise(position: Array, acceleration: Array) -> Array:
