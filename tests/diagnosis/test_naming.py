@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from scipy.stats import chi2
 
 from impedance_modules.diagnosis.model_selection import naming
-from impedance_modules.diagnosis.model_selection.acceptance import REDUCTION_MIN
 from impedance_modules.diagnosis.model_selection.naming import (
+    HELD_OUT_MIN,
     rejected_by_motion,
     rejection,
     without_causes,
@@ -77,7 +77,7 @@ def replaced(one: SimpleNamespace, **values: object) -> SimpleNamespace:
 
 
 def test_what_the_held_out_recordings_do_not_need_is_not_named_and_said() -> None:
-    least = REDUCTION_MIN
+    least = HELD_OUT_MIN
     found, notes = without_unconfirmed(
         held_out(spring=0.9, friction=1.1 * least, noise=0.9 * least, worse=-0.3)
     )
