@@ -143,8 +143,8 @@ def _selector(
     design = build_design([*regressors, *generic], nuisance, raw, floor, names=names, rate=rate)
     del regressors
     refiner = ShapeRefiner(design, prepared, signals)
-    # Noise of a position hides as much as a grid does; a grid is noise, too, where none is stated.
-    unseen = max(model.position_resolution, *(float(read_noise(item).max()) for item in prepared))
+    # Where no grid is stated, the readings' noise stands for it: a grid makes noise, too.
+    unseen = model.position_resolution or max(float(read_noise(item).max()) for item in prepared)
     selector = Selector(design, split.folds, refiner, unseen)
     return selector.on(design.without(mask)) if mask else selector
 

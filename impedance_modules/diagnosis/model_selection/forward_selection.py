@@ -88,7 +88,7 @@ class Selector:
         folds: Fitted recordings by fold.
         screen: Ranks the candidates before they are tried.
         refiner: Moves shapes off their grid.
-        resolution: Grid of the position sensors, or their noise where it is larger [rad].
+        resolution: Grid of the position sensors, or their noise where none is stated [rad].
     """
 
     def __init__(

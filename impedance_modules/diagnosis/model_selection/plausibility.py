@@ -38,7 +38,7 @@ class Plausibility:
         bodies: Link -> (10,) its inertial parameters.
         reach: Farthest place of a load on a link [m].
         pairs: Recordings that repeat each other.
-        resolution: Grid of the position sensors, or their noise where it is larger [rad].
+        resolution: Grid of the position sensors, or their noise where none is stated [rad].
         slow: Frequency up to which a motion is slow [cycles per row].
     """
 
