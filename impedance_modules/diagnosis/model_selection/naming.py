@@ -32,8 +32,11 @@ def ranked_terms(evidence: Evidence) -> list[tuple[ModelTerm, float]]:
 
     order = sorted(evidence.model_fit.model, key=lambda term: left([term]))
     steps = [left(order[:count]) for count in range(len(order) + 1)]
-    missed = [left([*order[:i], *order[i + 1 :]]) - steps[-1] for i in range(len(order))]
-    return [(term, max(steps[i] - steps[i + 1], missed[i], 1e-12)) for i, term in enumerate(order)]
+    # Without the last one the last step but one is what is left.
+    without = [*(left([*order[:i], *order[i + 1 :]]) for i in range(len(order) - 1)), *steps[-2:-1]]
+    return [
+        (term, max(steps[i] - steps[i + 1], without[i] - steps[-1], 1e-12)) for i, term in enumerate(order)
+    ]
 
 
 def held_out_part(evidence: Evidence, term: ModelTerm) -> float:
