@@ -12,7 +12,8 @@ from scipy.signal import filtfilt, firwin
 from impedance_modules.diagnosis.regression import noise_floor as judged
 from impedance_modules.diagnosis.regression import sensor_noise
 from impedance_modules.diagnosis.regression.candidates import CandidateRegressor
-from impedance_modules.diagnosis.regression.noise_floor import Left, _noise_shares, fit_robustly
+from impedance_modules.diagnosis.regression.disturbed_moments import Left, fit_robustly, without_disturbed
+from impedance_modules.diagnosis.regression.noise_floor import _noise_shares
 from impedance_modules.diagnosis.regression.nuisance_columns import NuisanceColumns
 from impedance_modules.diagnosis.regression.sensor_noise import (
     SENSOR_NOISE_RATIO,
@@ -127,6 +128,26 @@ def test_what_is_large_for_long_is_no_knock() -> None:
     found = fit_robustly(lambda weights: (list(np.split(y, 2)), 0.0), RATE)
     assert not found.disturbed
     assert found.robust is found.ordinary
+
+
+@settings(max_examples=25)
+@given(st.integers(0, 10_000), st.floats(12.0, 60.0), st.integers(0, 17))
+def test_a_push_in_one_of_two_repeats_does_not_raise_the_noise(seed: int, push: float, begin: int) -> None:
+    """It turns two joints; the third, and what only one joint shows at a moment, are left as they are."""
+    random = np.random.default_rng(seed)
+    shown = [[np.ones(len(TIME), dtype=bool)] for _ in range(3)]
+    shown[1][0][:7] = False
+    quiet = [[random.standard_normal(int(masks[0].sum()))] for masks in shown]
+    during = (begin <= TIME) & (begin + 0.5 > TIME)
+    apart = [[pieces[0].copy()] for pieces in quiet]
+    apart[0][0][during] += push
+    apart[1][0][during[7:]] -= push
+    found = without_disturbed(apart, shown, RATE)
+    for pieces, clean in zip(found[:2], quiet[:2], strict=True):
+        assert np.mean(pieces[0] ** 2) == pytest.approx(np.mean(clean[0] ** 2), rel=0.15)
+    assert np.array_equal(found[2][0], quiet[2][0])
+    alone = quiet[0][0] + np.where(during, 7.0, 0.0)
+    assert np.array_equal(without_disturbed([[alone], quiet[1], quiet[2]], shown, RATE)[0][0], alone)
 
 
 def _recordings(*sizes: float, effort: bool = True) -> list[SimpleNamespace]:

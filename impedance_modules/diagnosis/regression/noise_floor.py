@@ -1,14 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Stage 4, the noise floor: read from the difference of repeats, or from what a flexible model leaves.
 
-A short disturbance (a push, a knock) must not raise the floor that would then hide it. So the flexible model is fitted
-once more with windows of outlying power weighted down (iteratively reweighted least squares).
+What moments in which something touched the arm add is taken away (`disturbed_moments`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from typing import TypeVar
 
 import numpy as np
@@ -16,6 +14,11 @@ from numpy.typing import NDArray
 
 from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.regression.candidates import CandidateRegressor, Group
+from impedance_modules.diagnosis.regression.disturbed_moments import (
+    RobustFit,
+    fit_robustly,
+    without_disturbed,
+)
 from impedance_modules.diagnosis.regression.nuisance_columns import NuisanceColumns
 from impedance_modules.diagnosis.regression.sensor_noise import (
     LEAST,
@@ -48,31 +51,6 @@ LEFT_MIN = 0.1
 
 DRAWS = 8
 """Series of white noise that show how much of the power at each frequency is left."""
-
-WINDOW = 0.5
-"""Length of the windows whose power is compared [s]."""
-
-DISTURBED = 100.0
-"""Power of a window over that of the median one, beyond which it is no noise on any joint: white noise reaches four,
-a real joint with stick-slip forty."""
-
-OUTLYING = 20.0
-"""The same on the other joints, once one was disturbed."""
-
-USUAL = 4.0
-"""Power over that of the median window up to which a window counts fully."""
-
-LEAST_POWER = 1e-30
-"""Power that stands for none at all."""
-
-OUTLYING_SHARE_MAX = 0.2
-"""Part of all windows that may be outlying; what is more frequent belongs to the recording."""
-
-STEPS = 6
-"""Times that a fit is repeated with outlying windows counting less."""
-
-Left = tuple[list[Array], float]
-"""What a fit leaves, one piece (M,) for each recording, and the samples of white noise that it uses up."""
 
 
 def repeat_pairs(prepared: Sequence[Prepared], recordings: Sequence[int]) -> list[tuple[int, int]]:
@@ -108,11 +86,13 @@ def noise_by_repeats(
         [_rounded(part, group, mask) for part, mask in _with_rows(rounding, masks)]
         for masks, group in zip(shown, nuisance.groups, strict=True)
     ]
+    apart = [
+        [_difference(left[i][g], left[j][g], mask) for (i, j), mask in zip(pairs, masks, strict=True)]
+        for g, masks in enumerate(shown)
+    ]
+    apart = without_disturbed(apart, shown, prepared[0].band.rate / prepared[0].band.step)
     noise = [
-        [
-            _difference(left[i][g], left[j][g], mask) + part
-            for ((i, j), mask), part in zip(_with_rows(pairs, shown[g]), parts, strict=True)
-        ]
+        [one + part for (one, _), part in zip(_with_rows(apart[g], shown[g]), parts, strict=True)]
         for g, parts in enumerate(unseen)
     ]
     power = [float(np.mean(np.concatenate(x) ** 2)) for x in noise]
@@ -170,44 +150,6 @@ def noise_by_smoothness(
     return whitening_of(
         noise, share, edge=_edge(prepared), lost=np.array(lost), assumed=np.ones(len(lost)), weak=True
     )
-
-
-@dataclass(frozen=True, eq=False)
-class RobustFit:
-    """What a fit leaves on one joint.
-
-    Attributes:
-        ordinary: With all windows weighted alike.
-        robust: With outlying windows weighted down, and then scaled to the power of the others.
-        disturbed: Whether some windows, and not too many, cannot be noise.
-    """
-
-    ordinary: Left
-    robust: Left
-    disturbed: bool
-
-
-def fit_robustly(fit: Callable[[Array | None], Left], rate: float) -> RobustFit:
-    """Fits twice: a flexible model that follows one disturbance misfits all other windows.
-
-    The second fit is repeated with each window weighted by the median power over its own.
-
-    Args:
-        fit: Takes weights (sum of M,) of the squares, or None for none.
-        rate: Samples a second [1/s].
-    """
-    ordinary = fit(None)
-    size = max(2, round(WINDOW * rate))
-    pieces, used = ordinary
-    for _ in range(STEPS):
-        pieces, used = fit(np.concatenate(_each(pieces, size, lambda ratio: np.minimum(1.0, USUAL / ratio))))
-    ratios = np.concatenate(_each(pieces, size, lambda ratio: ratio))
-    few = float(np.mean(ratios > OUTLYING)) <= OUTLYING_SHARE_MAX
-    if not few:
-        return RobustFit(ordinary, ordinary, disturbed=False)
-    gains = _each(pieces, size, lambda ratio: np.where(ratio > OUTLYING, ratio**-0.5, 1.0))
-    robust = [piece * gain for piece, gain in zip(pieces, gains, strict=True)]
-    return RobustFit(ordinary, (robust, used), disturbed=float(ratios.max()) > DISTURBED)
 
 
 def _rounded(rounding: Rounding | None, group: Group, shown: Mask) -> Array:
@@ -375,19 +317,3 @@ def _used(power: Array, ridge: float) -> float:
     """Samples of white noise that such a regression takes away: tr(2 H - H^2), H what turns readings into its fit."""
     share = power / (power + ridge)
     return float(np.sum(share * (2.0 - share)))
-
-
-def _each(pieces: Sequence[Array], size: int, law: Callable[[Array], Array]) -> list[Array]:
-    """Some law of each moment's power over the median one's, for every sample."""
-    powers = [_powers(piece, size) for piece in pieces]
-    usual = max(float(np.median(np.concatenate(powers))), LEAST_POWER)
-    return [
-        np.repeat(law(np.maximum(power / usual, LEAST_POWER)), size)[: len(piece)]
-        for power, piece in zip(powers, pieces, strict=True)
-    ]
-
-
-def _powers(piece: Array, size: int) -> Array:
-    """Mean square of each moment, the last one shorter."""
-    starts = np.arange(0, len(piece), size)
-    return np.asarray(np.add.reduceat(piece**2, starts) / np.diff(np.append(starts, len(piece))))
