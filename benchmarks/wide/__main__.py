@@ -109,19 +109,27 @@ def score(out: Path, answers: Path | None, case: str | None) -> None:
 
 
 @main.command()
-@click.argument("out", type=click.Path(path_type=Path, exists=True))
-@click.option("--answers", type=click.Path(path_type=Path), help="Where they are; OUT/answers when left out.")
+@click.argument("out", type=click.Path(path_type=Path, exists=True), nargs=-1, required=True)
+@click.option(
+    "--answers",
+    type=click.Path(path_type=Path),
+    help="Where they are; OUT/answers when left out. Of several OUT, the folder of folders with their names.",
+)
 @click.option("--write", is_flag=True, help="Put the law into the diagnosis.")
 @click.option(
     "--diagram", type=click.Path(path_type=Path, dir_okay=False), metavar="F.svg", help="Draw reliability."
 )
-def calibrate(out: Path, answers: Path | None, write: bool, diagram: Path | None) -> None:
+def calibrate(out: tuple[Path, ...], answers: Path | None, write: bool, diagram: Path | None) -> None:
     """Fits how likely a cause is true, and compares what was said of unseen varieties with the truth."""
     from benchmarks.wide.calibrate import calibrate as fitted
     from benchmarks.wide.run import ANSWERS
 
+    several = len(out) > 1
+    folders = {
+        one: one / ANSWERS if answers is None else answers / one.name if several else answers for one in out
+    }
     try:
-        click.echo(fitted(out, answers or out / ANSWERS, write=write, diagram=diagram), nl=False)
+        click.echo(fitted(folders, write=write, diagram=diagram), nl=False)
     except ValueError as error:
         raise click.UsageError(str(error)) from error
 

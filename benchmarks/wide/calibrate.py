@@ -200,19 +200,18 @@ def pooled(predictions: Mapping[str, Array]) -> Array:
     return np.asarray(1.0 / (1.0 + np.exp(-np.mean(odds, axis=0))))
 
 
-def calibrate(out: Path, answers: Path, *, write: bool = False, diagram: Path | None = None) -> str:
+def calibrate(folders: Mapping[Path, Path], *, write: bool = False, diagram: Path | None = None) -> str:
     """Fits the law to all causes, and returns it with the figures of its held-out predictions.
 
     Args:
-        out: Cases.
-        answers: Answers to them.
+        folders: Cases -> answers to them.
         write: Puts the law into the source of the diagnosis.
         diagram: Where the reliability diagram is drawn.
 
     Raises:
         ValueError: As `named_causes` and `fit`.
     """
-    causes = named_causes(out, answers)
+    causes = [cause for out, answers in folders.items() for cause in named_causes(out, answers)]
     law = fit(causes)
     said = pooled({dimension: held_out(causes, dimension) for dimension in VARIETIES})
     if write:

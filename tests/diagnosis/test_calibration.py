@@ -160,6 +160,21 @@ def test_the_command_prints_the_law_its_figures_and_draws_them(tmp_path: Path, m
         assert written["LAW"](one.grounds) == pytest.approx(law(one.grounds), abs=2e-3)
 
 
+def test_several_folders_are_fitted_together(tmp_path: Path) -> None:
+    """Answers lie beside the cases, or in a folder of folders with their names."""
+    every = sorted(causes(200), key=lambda one: one.case)
+    first, second = answered(tmp_path / "first", every[:90]), answered(tmp_path / "second", every[90:])
+    law = law_text(fit(every))
+    shown = CliRunner().invoke(main, ["calibrate", str(first), str(second)])
+    assert shown.exit_code == 0 and law in shown.output
+    for out in (first, second):
+        (tmp_path / "elsewhere").mkdir(exist_ok=True)
+        (out / "answers").rename(tmp_path / "elsewhere" / out.name)
+    elsewhere = ["--answers", str(tmp_path / "elsewhere")]
+    shown = CliRunner().invoke(main, ["calibrate", str(first), str(second), *elsewhere])
+    assert shown.exit_code == 0 and law in shown.output
+
+
 def test_answers_without_grounds_are_refused(tmp_path: Path) -> None:
     out = answered(tmp_path / "out", causes(30))
     (out / "answers" / "case3.json").write_text('{"causes": [{"effect": "payload"}]}')
