@@ -196,10 +196,21 @@ class RigidModel:
             out[i] = J.reshape(6, -1)[:, self._columns]  # of one joint the library gives (6,)
         return out
 
+    def point_jacobian(self, body: str, point: Array, q: Array) -> Array:
+        """Computes J (N, 3, n) of a point (3,) [m] in a link's frame, linear, in base axes."""
+        linear, angular = np.split(self.jacobian(body, q), 2, axis=1)
+        return np.asarray(linear + np.cross(angular, (self.rotation(body, q) @ point)[:, :, None], axis=1))
+
     def centre(self, body: str) -> Array:
-        """Gives a link's own nominal centre of mass (3,) in its frame [m]; its origin if it has no mass."""
-        inertia = self._model.frames[self._frame(body)].inertia
-        return np.array(inertia.lever) if inertia.mass > 0.0 else np.zeros(3)
+        """Gives a link's nominal centre of mass (3,) in its frame [m]; its origin if it has no mass.
+
+        Of a link that is fixed to another, its own; of one that a joint moves, as `link_inertia`.
+        """
+        own = self._model.frames[self._frame(body)].inertia
+        if own.mass > 0.0:
+            return np.array(own.lever)
+        mass, *first = self.link_inertia(body)[:4]
+        return np.array(first) / mass if mass > 0.0 else np.zeros(3)
 
     def weight_of_body(self, body: str, q: Array) -> Array:
         r"""Computes d g / d(m, m c_x, m c_y, m c_z) of a link, (N, n, 4), in its frame.

@@ -21,7 +21,8 @@ RATE, SECONDS = 100.0, 14.0
 PUSH = np.array([6.0, -4.0, 9.0])
 """On the palm, world axes [N]."""
 BUMP = np.array([2.0, -1.5, 1.8, 0.0, 0.0, 0.0])
-"""On three shoulders' joints [N.m]: as strong, and a force on the third link would explain it."""
+"""On three shoulders' joints [N.m], each once, twice or three times to and fro: as strong, and no steady force."""
+SWINGS = np.array([1.0, 2.0, 3.0, 1.0, 1.0, 1.0])
 
 
 def arm() -> tuple[pinocchio.Model, list[int]]:
@@ -55,12 +56,13 @@ def record(folder: Path, kind: int, happens: str) -> Path:
     for row, now in enumerate(time):
         whole[:, places] = q[row], v[row], a[row]
         effort[row] = pinocchio.rnea(model, data, *whole)[places]
-        strength = np.sin(np.pi * (now - 6.0)) if kind == 0 and 6.0 < now < 7.0 else 0.0
+        during = kind == 0 and 6.0 < now < 7.0
+        strength = np.sin(np.pi * (now - 6.0)) if during else 0.0
         if happens == "push" and strength > 0.0:
             J = pinocchio.computeFrameJacobian(model, data, whole[0], palm, pinocchio.LOCAL_WORLD_ALIGNED)
             effort[row] -= strength * (J[:3, places].T @ PUSH)
-        if happens == "bump":
-            effort[row] += strength * BUMP
+        if happens == "bump" and during:
+            effort[row] += np.sin(np.pi * SWINGS * (now - 6.0)) * BUMP
     effort += random.normal(scale=0.05, size=effort.shape)
     q += random.normal(scale=1e-5, size=q.shape)
     columns = columns_of(time, [f"port_{name}" for name in JOINTS], position=q, effort=effort)
@@ -68,7 +70,7 @@ def record(folder: Path, kind: int, happens: str) -> Path:
 
 
 @pytest.mark.parametrize("happens", ["push", "bump"])
-def test_a_push_is_named_and_three_torques_that_any_force_would_explain_are_none(tmp_path, happens):
+def test_a_push_is_named_and_three_torques_that_no_steady_force_explains_are_none(tmp_path, happens):
     paths = [record(tmp_path, kind, happens) for kind in range(3)]
     _, found = diagnosed(tmp_path, *paths[:2], "--holdout", paths[2], "--urdf", URDF)
     pushes = [cause for cause in found["causes"] if cause["effect"] == "external_contact"]

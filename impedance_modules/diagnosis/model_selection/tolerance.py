@@ -172,7 +172,7 @@ def _small_pushes(evidence: Evidence, limits: Array) -> bool:
         item = evidence.prepared[push.recording]
         signals, time = item.signals, item.signals.time - item.log.start
         inside = (time >= push.start) & (time <= push.end)
-        jacobian = signals.model.jacobian(push.body, signals.position[inside])[:, :3]
+        jacobian = push.place.jacobian(signals.model, signals.position[inside])
         torque = np.sqrt(np.mean(np.einsum("mij,i->mj", jacobian, push.force) ** 2, axis=0))
         if any(torque[joint] > limits[g] for g, joint in seen):
             return False
