@@ -5,13 +5,16 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from impedance_modules.diagnosis.model_selection import conclusion, external_pushes, gap_location
 from impedance_modules.diagnosis.model_selection import lack_of_fit as remainder
 from impedance_modules.diagnosis.model_selection.conclusion import propose_motion
 from impedance_modules.diagnosis.model_selection.evidence import Evidence, above_negligible, negligible
-from impedance_modules.diagnosis.model_selection.external_pushes import ExternalPush, Forces
+from impedance_modules.diagnosis.model_selection.external_pushes import ExternalPush
 from impedance_modules.diagnosis.model_selection.lack_of_fit import LackOfFit, RemainingStructure
+from impedance_modules.diagnosis.model_selection.push_forces import Forces, Place, hat_functions, steady_gain
 from impedance_modules.diagnosis.result import Cause, JointGap, Remainder, Rival
 from impedance_modules.effects.catalogue import CATALOGUE
 
@@ -259,13 +262,14 @@ def forces(**more: object) -> Forces:
         "joints": np.ones(6),
         "gain": 1.0,
     }
-    return Forces(**{**given, **more})
+    chosen = {**given, **more}
+    return Forces(place=Place(str(chosen.pop("body"))), **chosen)
 
 
 @pytest.mark.parametrize(
-    ("joints", "least"), [([1.0] * 3, 1.0), ([1.0] * 6, 0.85), ([1.0] * 6 + [0.01], 0.85)]
+    ("joints", "least"), [([1.0], 1.0), ([1.0] * 3, 0.8), ([1.0] * 6, 0.75), ([1.0] * 6 + [0.01], 0.75)]
 )
-def test_a_force_must_explain_more_than_three_numbers_do_by_chance(joints, least) -> None:
+def test_a_force_must_explain_more_than_one_number_does_by_chance(joints, least) -> None:
     assert external_pushes._pattern_min(forces(joints=np.array(joints))) == pytest.approx(least)
 
 
@@ -280,16 +284,41 @@ def test_the_chi_square_of_hats_is_walds() -> None:
 
 def test_hats_are_a_partition_of_one_a_quarter_of_a_second_apart() -> None:
     item = SimpleNamespace(time=5.0 + np.arange(300) / RATE, log=SimpleNamespace(start=5.0))
-    tips, hats = external_pushes.hat_functions(item, 300)
+    tips, hats = hat_functions(item, 300)
     assert np.allclose(np.diff(tips), 0.25) and tips[0] == 0.0 and tips[-1] >= 2.99
     assert np.allclose(hats.sum(axis=1), 1.0) and np.allclose(hats @ tips, np.arange(300) / RATE)
-    assert external_pushes.hat_functions(item, 250)[0][0] == pytest.approx(0.5)
+    assert hat_functions(item, 250)[0][0] == pytest.approx(0.5)
+
+
+@given(st.integers(0, 10_000), st.integers(2, 12))
+def test_a_force_that_keeps_its_direction_explains_what_it_is(seed: int, count: int) -> None:
+    """One of any direction and size loses nothing; what noise explains in every direction is not its own."""
+    random = np.random.default_rng(seed)
+    root = random.normal(size=(3 * count, 3 * count)) + 3.0 * np.sqrt(count) * np.eye(3 * count)
+    covariance = root @ root.T
+    way, sizes = random.normal(size=3), random.uniform(1.0, 2.0, count)
+    steady = np.outer(sizes, way)
+    whole = float(steady.reshape(-1) @ np.linalg.solve(covariance, steady.reshape(-1)))
+    found = steady_gain(forces(force=steady, covariance=covariance), 0, count)
+    assert found == pytest.approx(whole - count - 2.0, rel=1e-4, abs=1e-6)
+    to_and_fro = random.normal(size=(count, 3))
+    every = float(np.sum(to_and_fro**2))
+    one_way = np.linalg.svd(to_and_fro)[1][0] ** 2
+    gain = steady_gain(forces(force=to_and_fro, covariance=np.eye(3 * count)), 0, count)
+    assert gain <= every - count - 2.0 + 1e-9
+    assert gain == pytest.approx(one_way - count - 2.0, rel=1e-6)
+
+
+@pytest.mark.parametrize(("elsewhere", "unrest"), [(1.0, 1.0), (2.366, 1.0), (7.098, 3.0)])
+def test_what_a_model_leaves_elsewhere_asks_for_more_of_a_push(elsewhere: float, unrest: float) -> None:
+    assert external_pushes._unrest(np.full(20, elsewhere)) == pytest.approx(unrest)
+    assert external_pushes._unrest(np.zeros(0)) == 1.0
 
 
 def push(
     recording: int = 0, start: float = 1.0, end: float = 2.0, force=(4.0, 0.0, 0.0), gain: float = 90.0
 ) -> ExternalPush:
-    return ExternalPush(recording, "fore", start, end, np.array(force), np.ones(3), gain)
+    return ExternalPush(recording, Place("fore"), start, end, np.array(force), np.ones(3), gain)
 
 
 def recordings(*groups: str) -> list[SimpleNamespace]:
@@ -300,7 +329,7 @@ def recordings(*groups: str) -> list[SimpleNamespace]:
 
 def test_what_a_repeat_shows_too_is_no_push() -> None:
     items = recordings("a", "a", "b")
-    tips, _ = external_pushes.hat_functions(items[0], 301)
+    tips, _ = hat_functions(items[0], 301)
     inside = ((tips >= 1.0) & (tips <= 2.0))[:, None]
 
     def seen(there: Forces, at: int) -> bool:
@@ -346,7 +375,7 @@ def test_a_push_that_turns_one_joint_is_one_on_a_link_that_others_show_pushed(
 ) -> None:
     """Alone it may be a fault of that joint."""
     (item,) = recordings("a")
-    tips, _ = external_pushes.hat_functions(item, 301)
+    tips, _ = hat_functions(item, 301)
     inside = (tips >= 1.0) & (tips <= 2.0)
     there = forces(
         force=np.where(inside[:, None], [0.0, 12.0, 0.0], 0.0),
@@ -366,13 +395,15 @@ def test_a_push_that_turns_one_joint_is_one_on_a_link_that_others_show_pushed(
 
 
 def test_one_link_is_taken_for_all_recordings_unless_another_fits_far_better() -> None:
-    def tried(hand: float, wrist: float) -> dict[str, Forces]:
-        return {"hand": forces(body="hand", gain=hand), "wrist": forces(body="wrist", gain=wrist)}
+    def tried(hand: float, wrist: float) -> dict[Place, Forces]:
+        return {
+            Place(name): forces(body=name, gain=gain) for name, gain in (("hand", hand), ("wrist", wrist))
+        }
 
-    alike = external_pushes._on_one_link({0: tried(900.0, 800.0), 3: tried(90.0, 100.0)})
-    assert {r: found.body for r, found in alike.items()} == {0: "hand", 3: "hand"}
-    apart = external_pushes._on_one_link({0: tried(900.0, 800.0), 3: tried(60.0, 100.0)})
-    assert {r: found.body for r, found in apart.items()} == {0: "hand", 3: "wrist"}
+    alike = external_pushes._on_one_place({0: tried(900.0, 800.0), 3: tried(90.0, 100.0)})
+    assert {r: found.place.body for r, found in alike.items()} == {0: "hand", 3: "hand"}
+    apart = external_pushes._on_one_place({0: tried(900.0, 800.0), 3: tried(60.0, 100.0)})
+    assert {r: found.place.body for r, found in apart.items()} == {0: "hand", 3: "wrist"}
 
 
 # Regimes of motion.
@@ -452,10 +483,35 @@ def test_noise_is_a_mean_square_over_the_held_out_recordings() -> None:
     assert Evidence.heldout_noise.func(own) == pytest.approx([np.sqrt(12.5), 1.0])
 
 
-def test_a_unit_of_power_is_the_mean_over_the_joints_of_a_residual() -> None:
+def test_excess_power_is_counted_in_each_residuals_own_noise() -> None:
+    rms = {None: np.array([5.0, 1.0, 0.5]), "fit": np.array([3.0, 1.0, 0.1])}
+    own = SimpleNamespace(rms=lambda fit: rms[fit], heldout_noise=np.array([3.0, 0.5, 0.2]))
+    assert Evidence.excess(own, None) == pytest.approx(16.0 / 9.0 + 3.0 + 5.25)
+    assert Evidence.excess(own, "fit") == pytest.approx(3.0)
+
+
+def test_excess_torque_is_counted_in_the_mean_noise_of_a_residuals_joints() -> None:
     groups = (("link", 0), ("link", 1), ("velocity", 0))
-    own = SimpleNamespace(design=SimpleNamespace(groups=groups), heldout_noise=np.array([3.0, 1.0, 2.0]))
-    assert Evidence.unit_power.func(own) == pytest.approx([5.0, 5.0, 4.0])
+    own = SimpleNamespace(
+        design=SimpleNamespace(groups=groups),
+        heldout_noise=np.array([3.0, 1.0, 2.0]),
+        rms=lambda fit: np.array([3.5, 0.5, 4.0]),
+    )
+    assert Evidence.excess_torque(own, None) == pytest.approx((12.25 - 9.0) / 5.0 + 0.0 + 12.0 / 4.0)
+
+
+def test_whitened_excess_is_what_rows_leave_beyond_their_number() -> None:
+    fit = SimpleNamespace(
+        size=2,
+        whole=SimpleNamespace(coefficients=np.array([1.0, 2.0])),
+        squares=lambda coefficients, recordings: np.array([300.0, 90.0]) / (1.0 + coefficients.sum()),
+    )
+    own = SimpleNamespace(
+        calibrated=fit, heldout=(0,), design=SimpleNamespace(count=lambda recordings: np.array([50.0, 30.0]))
+    )
+    own.whitened_power = lambda model: Evidence.whitened_power(own, model)
+    assert Evidence.whitened_excess(own, None) == pytest.approx(5.0 + 2.0)
+    assert Evidence.whitened_excess(own, fit) == pytest.approx(0.5)
 
 
 def test_the_share_of_pushes_is_the_power_beyond_noise_where_they_are() -> None:
@@ -465,7 +521,7 @@ def test_the_share_of_pushes_is_the_power_beyond_noise_where_they_are() -> None:
         plain=SimpleNamespace(left=lambda fit, recording: [left]),
         calibrated=None,
         floor=SimpleNamespace(rms=np.array([[0.5]])),
-        unit_power=np.array([2.0]),
+        heldout_noise=np.array([2.0]),
         counted=lambda recording, group: np.array([False, True, True, True]),
         _pushed=lambda recording, group: np.array([True, False, False, False]),
         pushes=(push(),),

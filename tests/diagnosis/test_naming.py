@@ -44,9 +44,9 @@ class Evidence:
         )
     )
 
-    def excess(self, fit: SimpleNamespace) -> float:
+    def whitened_power(self, fit: SimpleNamespace) -> np.ndarray:
         named = {one.key[0] for one in fit.model}
-        return 1.0 + sum(power for effect, power in self.powers.items() if effect not in named)
+        return np.array([1.0 + sum(power for effect, power in self.powers.items() if effect not in named)])
 
 
 def evidence(**powers: float) -> Evidence:

@@ -136,9 +136,8 @@ def ranked(names: str, left: dict[str, float]) -> list[tuple[str, float]]:
     evidence = SimpleNamespace(
         model_fit=SimpleNamespace(model=[SimpleNamespace(name=name) for name in names]),
         selector=SimpleNamespace(model_fit=lambda model: "".join(sorted(term.name for term in model))),
-        excess=lambda names: left[names],
     )
-    return [(term.name, gain) for term, gain in ranked_terms(evidence)]
+    return [(term.name, gain) for term, gain in ranked_terms(evidence, left.__getitem__)]
 
 
 def test_a_cause_is_credited_with_what_it_explains_beyond_the_stronger_ones() -> None:

@@ -13,6 +13,7 @@ import pytest
 from impedance_modules.cli.diagnose_verb import print_diagnosis
 from impedance_modules.cli.terminal import Terminal
 from impedance_modules.diagnosis.data.log import DataReport
+from impedance_modules.diagnosis.model_selection.push_forces import Place
 from impedance_modules.diagnosis.model_selection.tolerance import (
     CHANGED,
     DRIFT,
@@ -105,6 +106,8 @@ def evidence(torque: float, left: float, noise: float = 0.0) -> SimpleNamespace:
         ),
         counted=lambda *_: np.ones(100, dtype=bool),
         rms=lambda *_: np.array([np.hypot(left, noise)]),
+        selector=SimpleNamespace(model_fit=lambda model: SimpleNamespace(model=tuple(model))),
+        excess_torque=lambda fit: 1.0 if fit is None or not fit.model else 0.1,
         floor=SimpleNamespace(rms=np.full((2, 1), noise)),
     )
 
@@ -144,12 +147,32 @@ def test_one_large_cause_keeps_the_others() -> None:
     assert len(found.causes) == 2 and not found.small and found.verdict == "explained"
 
 
+@pytest.mark.parametrize(("little", "minor"), [(4.0, True), (4.9, True), (5.1, False), (40.0, False)])
+def test_beside_a_large_cause_one_is_minor_if_it_explains_little_of_the_torque(
+    little: float, minor: bool
+) -> None:
+    """Of a hundred that are there; what each explains of the noise's power says nothing."""
+    large = replace(cause(1.3), weight=0.001)
+    other = replace(cause(None), effect="viscous_friction", joints=("elbow",), weight=0.9)
+    terms = [
+        SimpleNamespace(key=key, groups=(0,))
+        for key in (("coulomb_friction", "hinge", "link"), ("viscous_friction", "elbow", "link"))
+    ]
+    sizes = {"coulomb_friction": 100.0 - little, "viscous_friction": little}
+    seen = evidence(0.05, 0.0)
+    seen.model_fit = SimpleNamespace(model=tuple(terms))
+    seen.selector = SimpleNamespace(model_fit=lambda model: SimpleNamespace(model=tuple(model)))
+    seen.excess_torque = lambda fit: 100.0 - sum(sizes[term.key[0]] for term in (fit.model if fit else ()))
+    found = set_small_aside(diagnosis(large, other), seen, 0.01)
+    assert (found.small == (other,), len(found.causes)) == (minor, 1 if minor else 2)
+
+
 @pytest.mark.parametrize(("force", "small"), [(0.15, True), (0.17, False)])
 @pytest.mark.parametrize("start", [0.0, 100.0])
 def test_a_push_is_small_by_its_torque_while_it_lasts(force: float, small: bool, start: float) -> None:
     """On a lever of half a metre, for a hundredth of the recording: 0.08 N.m is a hundredth of the range."""
     push = replace(cause(None), effect="external_contact", port="contact")
-    jacobian = np.zeros((6, 1))
+    jacobian = np.zeros((3, 1))
     jacobian[1, 0] = 0.5
     seen = evidence(0.0, 0.0)
     item = SimpleNamespace(
@@ -158,12 +181,16 @@ def test_a_push_is_small_by_its_torque_while_it_lasts(force: float, small: bool,
         signals=SimpleNamespace(
             time=start + np.arange(1000) / 10.0,
             position=np.zeros((1000, 1)),
-            model=SimpleNamespace(jacobian=lambda body, q: np.repeat(jacobian[None], len(q), axis=0)),
+            model=SimpleNamespace(
+                point_jacobian=lambda body, point, q: np.repeat(jacobian[None], len(q), axis=0)
+            ),
         ),
     )
     seen.prepared = (item,)
     seen.pushes = (
-        SimpleNamespace(recording=0, body="hand", start=3.0, end=4.0, force=np.array([9.0, force, 0.0])),
+        SimpleNamespace(
+            recording=0, place=Place("hand"), start=3.0, end=4.0, force=np.array([9.0, force, 0.0])
+        ),
     )
     found = set_small_aside(diagnosis(push), seen, 0.01)
     assert (found.small == (push,), found.verdict) == (small, "no_gap" if small else "explained")

@@ -17,7 +17,7 @@ from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.model_selection.external_pushes import cause_of_pushes
 from impedance_modules.diagnosis.model_selection.gap_location import held_out_series, locate_gap
 from impedance_modules.diagnosis.model_selection.lack_of_fit import LackOfFit, lack_of_fit
-from impedance_modules.diagnosis.model_selection.naming import ranked_terms
+from impedance_modules.diagnosis.model_selection.naming import noise_power, ranked_terms
 from impedance_modules.diagnosis.model_selection.rivals import judge_rivals
 from impedance_modules.diagnosis.regression.candidates import Candidate
 from impedance_modules.diagnosis.regression.model_fit import ModelTerm
@@ -69,12 +69,12 @@ def conclude(
 def causes_of_model(evidence: Evidence) -> tuple[Cause, ...]:
     """Turns the accepted terms into causes, one per effect and port, those that explain most first."""
     merged: dict[tuple[str, str], Cause] = {}
-    for term, gain in ranked_terms(evidence):
+    for term, gain in ranked_terms(evidence, noise_power(evidence)):
         cause = _cause(evidence, term, gain)
         key = (cause.effect, cause.port)
         merged[key] = _merge(merged[key], cause) if key in merged else cause
-    total = evidence.excess_before
-    left = min(1.0, evidence.excess(evidence.model_fit) / total) if total > 0.0 else 0.0
+    total = evidence.whitened_excess(None)
+    left = min(1.0, evidence.whitened_excess(evidence.model_fit) / total) if total > 0.0 else 0.0
     gains = sum(cause.weight for cause in merged.values())
     share = evidence.pushed_share
     scale = (1.0 - share) * (1.0 - left) / gains if gains > 0.0 else 0.0
@@ -304,7 +304,7 @@ def _own_shrink(evidence: Evidence, cause: Cause) -> float | None:
     own = [
         term for term in evidence.model_fit.model if (term.key[0], term.key[2]) == (cause.effect, cause.port)
     ]
-    before = evidence.excess_before
+    before = evidence.excess(None)
     if before <= 0.0:
         return None
     return 1.0 - float(np.sqrt(evidence.excess(evidence.selector.model_fit(own)) / before))

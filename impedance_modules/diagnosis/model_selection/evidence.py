@@ -78,15 +78,6 @@ class Evidence:
         """(groups,) rms below which a residual does not matter, in its unit."""
         return negligible(self.prepared, self.design.groups)
 
-    @cached_property
-    def unit_power(self) -> Array:
-        """(groups,) mean noise power over the joints of a residual; powers of joints are added in this unit."""
-        names = [residual for residual, _ in self.design.groups]
-        power = self.heldout_noise**2
-        return np.array(
-            [np.mean([p for p, other in zip(power, names, strict=True) if other == name]) for name in names]
-        )
-
     def rms(self, model_fit: ModelFit | None, recordings: Sequence[int] | None = None) -> Array:
         """(groups,) rms residual of a model (None: nominal) on some recordings, by default the held-out ones."""
         chosen = self.heldout if recordings is None else recordings
@@ -121,21 +112,36 @@ class Evidence:
         inside, total = 0.0, 0.0
         for r in range(len(self.prepared)):
             for g, values in enumerate(self.plain.left(self.calibrated, r)):
-                power = (values**2 - self.floor.rms[r, g] ** 2) / self.unit_power[g]
+                power = (values**2 - self.floor.rms[r, g] ** 2) / self.heldout_noise[g] ** 2
                 pushed = self._pushed(r, g)
                 inside += float(power[pushed].sum())
                 total += float(power[pushed | self.counted(r, g)].sum())
         return float(np.clip(inside / total, 0.0, 1.0)) if total > 0.0 else 0.0
 
     def excess(self, model_fit: ModelFit | None) -> float:
-        """Held-out residual power beyond the noise, over all groups, in units of the average joint's noise."""
-        power = self.rms(model_fit) ** 2 - self.heldout_noise**2
-        return float(np.sum(np.clip(power, 0.0, None) / self.unit_power))
+        """Held-out residual power beyond the noise, over all groups, each in units of its own noise; None: nominal."""
+        return float(np.sum(np.clip((self.rms(model_fit) / self.heldout_noise) ** 2 - 1.0, 0.0, None)))
 
-    @cached_property
-    def excess_before(self) -> float:
-        """Excess of the nominal model."""
-        return self.excess(None)
+    def excess_torque(self, model_fit: ModelFit | None) -> float:
+        """The same in units of the mean noise of a residual's joints: a large torque counts as one, quiet or not."""
+        names = [residual for residual, _ in self.design.groups]
+        noise = self.heldout_noise**2
+        unit = np.array([np.mean(noise[[other == name for other in names]]) for name in names])
+        return float(np.sum(np.clip(self.rms(model_fit) ** 2 - noise, 0.0, None) / unit))
+
+    def whitened_power(self, model_fit: ModelFit | None) -> Array:
+        """(groups,) held-out power of whitened rows over the noise's; None: nominal.
+
+        What is clear beside the noise at its frequency counts, however small it is beside all of it.
+        """
+        fit = self.calibrated if model_fit is None else model_fit
+        coefficients = fit.whole.coefficients if model_fit is not None else np.zeros(fit.size)
+        left = fit.squares(coefficients, self.heldout)
+        return np.asarray(left / np.maximum(self.design.count(self.heldout), 1.0))
+
+    def whitened_excess(self, model_fit: ModelFit | None) -> float:
+        """That power beyond the noise, over all groups."""
+        return float(np.sum(np.clip(self.whitened_power(model_fit) - 1.0, 0.0, None)))
 
 
 def negligible(prepared: Sequence[Prepared], groups: Sequence[Group]) -> Array:

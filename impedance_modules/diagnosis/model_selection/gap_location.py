@@ -45,13 +45,13 @@ MOST_RECORDINGS = 4
 def locate_gap(evidence: Evidence, model: NominalModel) -> tuple[GapLocation, ...]:
     """Shares of joints, ports and regimes in the excess residual power, the largest first."""
     places: list[tuple[float, GapLocation]] = []
-    prepared, floor, unit_power = evidence.prepared, evidence.floor, evidence.unit_power
+    prepared, floor, noise = evidence.prepared, evidence.floor, evidence.heldout_noise
     left = [evidence.plain.left(evidence.calibrated, r) for r in range(len(prepared))]
     for group, (residual, joint) in enumerate(evidence.design.groups):
         excess: dict[str, float] = {}
         series = [found[group] for found in left]
         for r, (item, values) in enumerate(zip(prepared, series, strict=True)):
-            power = (values**2 - floor.rms[r, group] ** 2) / unit_power[group]
+            power = (values**2 - floor.rms[r, group] ** 2) / noise[group] ** 2
             counted = evidence.counted(r, group)
             sorted_out = {name: mask & counted for name, mask in regimes(item, model, joint).items()}
             for name, mask in (sorted_out | {"contact": evidence.touched(r, group)}).items():

@@ -53,7 +53,7 @@ def merged(
         rows: What the causes explain together.
         causes: Each with its share of that.
     """
-    free = evidence.excess_before * sum(item.samples for item in evidence.prepared)
+    free = evidence.whitened_excess(None) * sum(item.samples for item in evidence.prepared)
     start, left = max(rows.before - rows.count, 0.0), max(rows.after - rows.count, 0.0)
     total = free + start
     named = [replace(cause, weight=cause.weight * free / total) for cause in found.causes]

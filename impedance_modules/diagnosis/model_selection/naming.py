@@ -6,7 +6,7 @@ What is not named is no part of the model either: gap, remainder and patch are t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from impedance_modules.diagnosis.model_selection.cause_search import significant_terms
@@ -19,16 +19,20 @@ HELD_OUT_MIN = 0.1
 causes of simulated cases 32 were below it, 3 of them true (docs/wide-benchmark.md)."""
 
 
-def ranked_terms(evidence: Evidence) -> list[tuple[ModelTerm, float]]:
+def ranked_terms(evidence: Evidence, power: Callable[[ModelFit], float]) -> list[tuple[ModelTerm, float]]:
     """Each accepted term with the power that it explains beyond those that explain more alone, or beyond all others.
 
     The larger of the two counts. Of two terms that explain the same, the second leaves nothing to gain in the first
     way; two that act against each other (a lean of the base and a spring that holds against it) may both make the gap
     larger alone, and only the second way shows that neither can be missed.
+
+    Args:
+        evidence: The fit.
+        power: What a model leaves.
     """
 
     def left(model: Sequence[ModelTerm]) -> float:
-        return evidence.excess(evidence.selector.model_fit(model))
+        return power(evidence.selector.model_fit(model))
 
     order = sorted(evidence.model_fit.model, key=lambda term: left([term]))
     steps = [left(order[:count]) for count in range(len(order) + 1)]
@@ -37,6 +41,11 @@ def ranked_terms(evidence: Evidence) -> list[tuple[ModelTerm, float]]:
     return [
         (term, max(steps[i] - steps[i + 1], without[i] - steps[-1], 1e-12)) for i, term in enumerate(order)
     ]
+
+
+def noise_power(evidence: Evidence) -> Callable[[ModelFit], float]:
+    """What a model leaves in units of the noise at each frequency: the power that weights are parts of."""
+    return lambda fit: float(evidence.whitened_power(fit).sum())
 
 
 def held_out_part(evidence: Evidence, term: ModelTerm) -> float:
@@ -86,7 +95,7 @@ def without_uncertain(evidence: Evidence) -> tuple[Evidence, tuple[str, ...]]:
     notes: list[str] = []
     while True:
         certain = significant_terms(evidence.model_fit, evidence.selector.refiner)
-        unsure = [entry for entry in ranked_terms(evidence) if entry[0] not in certain]
+        unsure = [entry for entry in ranked_terms(evidence, noise_power(evidence)) if entry[0] not in certain]
         if not unsure:
             return evidence, tuple(notes)
         term, _ = min(unsure, key=lambda entry: entry[1])

@@ -25,6 +25,7 @@ from impedance_modules.diagnosis.model_selection.cause_search import SIGMA
 from impedance_modules.diagnosis.model_selection.conclusion import SHARE_THAT_MATTERS, verdict_of
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.model_selection.lack_of_fit import ALPHA, MOMENT
+from impedance_modules.diagnosis.model_selection.naming import ranked_terms
 from impedance_modules.diagnosis.regression.candidates import Group
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.diagnosis.result import Cause, Diagnosis, Remainder, Rollout
@@ -41,8 +42,8 @@ DRIFT = 1.5
 def set_small_aside(found: Diagnosis, evidence: Evidence, tolerance: float) -> Diagnosis:
     """Lists as small what does not matter: all of a gap, or minor causes and a remainder beside the others.
 
-    Beside a cause that matters, another is minor only if it also explains little of the gap, and a remainder is small
-    only if little of the gap is left: a gap that is half explained is not explained, however small it is.
+    Beside a cause that matters, another is minor only if it also explains little of the gap's torque, and a remainder
+    is small only if little of the gap is left: a gap that is half explained is not explained, however small it is.
 
     Args:
         found: With its rollouts.
@@ -61,7 +62,8 @@ def set_small_aside(found: Diagnosis, evidence: Evidence, tolerance: float) -> D
     passes = found.remainder.explained or (_left_is_small(found, evidence, limits) and alike)
     if nothing:
         return _without_gap(found) if passes else found
-    minor = tuple(cause for cause in small if cause.weight < SHARE_THAT_MATTERS)
+    parts = parts_of_torque(evidence)
+    minor = tuple(c for c in small if parts.get((c.effect, c.port), 0.0) < SHARE_THAT_MATTERS)
     kept = tuple(cause for cause in found.causes if cause not in minor)
     unexplained = found.unexplained_weight + sum(cause.weight for cause in minor)
     found = replace(found, causes=kept, small=minor, unexplained_weight=unexplained)
@@ -150,19 +152,42 @@ def is_small(cause: Cause, evidence: Evidence, limits: Array) -> bool:
     # Fewer standard errors than a cause needs to be called a help: what probably changes the motion is not small.
     if shown is not None and shown.ratio >= max(CHANGED, np.exp(SIGMA * shown.standard_error)):
         return False
+    powers = torque_powers(cause, evidence)
+    within = all(np.sqrt(power) <= limits[group] for power, group in powers)
+    if powers:
+        return bool(within)
+    return cause.effect == ExternalContact.description.id and _small_pushes(evidence, limits)
+
+
+def torque_powers(cause: Cause, evidence: Evidence) -> list[tuple[float, int]]:
+    """Mean square of the torque of each of a cause's terms over all recordings, in each group where it acts."""
     model_fit, recordings = evidence.model_fit, range(len(evidence.prepared))
-    terms = [
-        i
-        for i, term in enumerate(model_fit.model)
-        if (term.key[0], term.key[2]) == (cause.effect, cause.port)
-    ]
-    for index in terms:
+    found = []
+    for index, term in enumerate(model_fit.model):
+        if (term.key[0], term.key[2]) != (cause.effect, cause.port):
+            continue
         torques = [evidence.plain.torque(model_fit, index, r) for r in recordings]
-        for group in model_fit.model[index].groups:
-            power = np.mean(np.concatenate([torque[group] for torque in torques]) ** 2)
-            if not np.sqrt(power) <= limits[group]:
-                return False
-    return bool(terms) or (cause.effect == ExternalContact.description.id and _small_pushes(evidence, limits))
+        found += [
+            (float(np.mean(np.concatenate([torque[group] for torque in torques]) ** 2)), group)
+            for group in term.groups
+        ]
+    return found
+
+
+def parts_of_torque(evidence: Evidence) -> dict[tuple[str, str], float]:
+    """Effect and port -> part of the gap's torque that is explained by it; none of pushes, which are no term.
+
+    Weights are in units of the noise, where a joint's own noise is small beside its torque; here a torque counts by
+    its size.
+    """
+    gains: dict[tuple[str, str], float] = {}
+    for term, gain in ranked_terms(evidence, evidence.excess_torque):
+        key = (term.key[0], term.key[2])
+        gains[key] = gains.get(key, 0.0) + gain
+    before, after = evidence.excess_torque(None), evidence.excess_torque(evidence.model_fit)
+    explained = max(0.0, 1.0 - after / before) if before > 0.0 else 0.0
+    total = sum(gains.values())
+    return {key: explained * gain / total for key, gain in gains.items()}
 
 
 def _small_pushes(evidence: Evidence, limits: Array) -> bool:

@@ -38,7 +38,7 @@ EDGES = (0.0, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
 """Between octaves [Hz]."""
 
 SHRINK_MIN = 0.02
-"""A cause that shrinks the held-out gap by less is not in the patch."""
+"""A cause that shrinks the held-out gap by less alone is in the patch only if all causes together shrink it so far."""
 
 VALUE_MAX = 9e8
 """Causes with larger numbers, beyond the format's bounds, are not in the patch."""
@@ -180,7 +180,7 @@ def spectrum_object(series: Sequence[ResidualSeries]) -> dict[str, Any]:
 
 def patch_object(diagnosis: Diagnosis) -> dict[str, Any] | None:
     """Builds the patch; None where no cause belongs into it."""
-    effects = [_effect(cause) for cause in diagnosis.causes if _in_patch(cause)]
+    effects = [_effect(cause) for cause in diagnosis.causes if _in_patch(cause, diagnosis.shrink)]
     if not effects or diagnosis.verdict not in ("explained", "partly_explained", "ambiguous"):
         return None
     return {
@@ -301,10 +301,17 @@ def _octaves(time: Array, values: Array, edges: Sequence[float]) -> list[float]:
     return [float(np.sqrt(power[inside == k].sum())) for k in range(len(edges) - 1)]
 
 
-def _in_patch(cause: Cause) -> bool:
+def _in_patch(cause: Cause, together: float | None) -> bool:
+    """Whether a cause has numbers that the format can hold, and shrinks the gap, alone or with the others.
+
+    Every named cause is one that held-out recordings need beside the others. Alone, one may be small beside the whole
+    gap, or enlarge it: a spring that holds against a lean of the base.
+    """
     values = [e.value for symbols in cause.parameters.values() for e in symbols.values()]
     finite = all(math.isfinite(value) and abs(value) < VALUE_MAX for value in values)
-    return finite and cause.shrink is not None and cause.shrink >= SHRINK_MIN
+    if not finite or cause.shrink is None:
+        return False
+    return max(cause.shrink, -math.inf if together is None else together) >= SHRINK_MIN
 
 
 def _effect(cause: Cause) -> dict[str, Any]:
