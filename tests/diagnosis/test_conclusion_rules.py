@@ -36,11 +36,14 @@ def cause(weight: float, *equivalent: Rival, effect: str = "viscous_friction", j
         ([cause(0.9, RIVAL)], True, False, "ambiguous"),
         ([cause(0.9, RIVAL)], False, True, "ambiguous"),
         ([cause(0.9, RIVAL)], False, False, "partly_explained"),
-        ([cause(0.49, RIVAL)], False, True, "partly_explained"),
-        ([cause(0.5, RIVAL)], False, True, "ambiguous"),
+        ([cause(0.24, RIVAL)], False, True, "partly_explained"),
+        ([cause(0.25, RIVAL)], False, True, "ambiguous"),
+        ([cause(0.24)], True, True, "partly_explained"),
+        ([cause(0.24, RIVAL)], True, True, "partly_explained"),
+        ([cause(0.13), cause(0.13)], True, True, "explained"),
         ([cause(0.9), cause(0.049, RIVAL)], True, True, "explained"),
         ([cause(0.9), cause(0.05, RIVAL)], True, True, "ambiguous"),
-        ([cause(0.3), cause(0.3, RIVAL)], False, True, "ambiguous"),
+        ([cause(0.13), cause(0.13, RIVAL)], False, True, "ambiguous"),
     ],
 )
 def test_the_verdict_follows_from_causes_rivals_and_remainder(causes, explained, near, verdict) -> None:

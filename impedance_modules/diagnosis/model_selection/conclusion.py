@@ -30,10 +30,10 @@ SHARE_THAT_MATTERS = 0.05
 """Part of the gap that a cause must explain for its rivals to make the verdict ambiguous, and below which a cause, or
 what is left, is minor beside the others if it is within the tolerance, too."""
 
-EXPLAINED_MIN, WEAK_FLOOR_LIMIT = 0.5, 6.0
-"""Where a remainder is left, the verdict is ambiguous only if the causes explain the first part of the gap, and the
-remainder passes by its power; the second is the limit of residual power over noise where no repeats measure the noise.
-"""
+EXPLAINED_MIN, WEAK_FLOOR_LIMIT = 0.25, 6.0
+"""Causes that explain less than the first part of the gap neither explain it nor make it ambiguous, whatever the noise
+would let pass; where a remainder is left, the verdict is ambiguous only if it passes by its power. The second is the
+limit of residual power over noise where no repeats measure the noise."""
 
 MINOR_PART = 0.1
 """Rivals at a joint with less than this part of the effect's largest weight at one joint are left out."""
@@ -171,10 +171,10 @@ def verdict_of(causes: Sequence[Cause], remainder: Remainder, *, near: bool) -> 
     """
     if not causes:
         return "no_gap" if remainder.explained else "unexplained"
-    known = remainder.explained or (near and sum(cause.weight for cause in causes) >= EXPLAINED_MIN)
-    if known and any(cause.equivalent and cause.weight >= SHARE_THAT_MATTERS for cause in causes):
+    enough = sum(cause.weight for cause in causes) >= EXPLAINED_MIN
+    if enough and (remainder.explained or near) and any(cause.equivalent and cause.weight >= SHARE_THAT_MATTERS for cause in causes):
         return "ambiguous"
-    return "explained" if remainder.explained else "partly_explained"
+    return "explained" if enough and remainder.explained else "partly_explained"
 
 
 def _power_passes(lack: LackOfFit, *, weak: bool) -> bool:
