@@ -172,7 +172,11 @@ def verdict_of(causes: Sequence[Cause], remainder: Remainder, *, near: bool) -> 
     if not causes:
         return "no_gap" if remainder.explained else "unexplained"
     enough = sum(cause.weight for cause in causes) >= EXPLAINED_MIN
-    if enough and (remainder.explained or near) and any(cause.equivalent and cause.weight >= SHARE_THAT_MATTERS for cause in causes):
+    if (
+        enough
+        and (remainder.explained or near)
+        and any(cause.equivalent and cause.weight >= SHARE_THAT_MATTERS for cause in causes)
+    ):
         return "ambiguous"
     return "explained" if enough and remainder.explained else "partly_explained"
 

@@ -18,6 +18,9 @@ HELD_OUT_MIN = 0.1
 """Part of the held-out squares, where a cause acts, that it must remove: twice what it had to of the others. Of 178
 causes of simulated cases 32 were below it, 3 of them true (docs/wide-benchmark.md)."""
 
+PART_MIN = 0.05
+"""Least part of the held-out gap that causes must explain together for any to be named."""
+
 
 def ranked_terms(evidence: Evidence, power: Callable[[ModelFit], float]) -> list[tuple[ModelTerm, float]]:
     """Each accepted term with the power that it explains beyond those that explain more alone, or beyond all others.
@@ -82,6 +85,26 @@ def without_unconfirmed(evidence: Evidence) -> tuple[Evidence, tuple[str, ...]]:
         notes.append(f"not named: {term.candidate.name}: {where}")
         evidence = _without(evidence, [term])
     return evidence, tuple(notes)
+
+
+def without_negligible(evidence: Evidence) -> tuple[Evidence, tuple[str, ...]]:
+    """Leaves out all terms if together they explain less than a twentieth of the held-out gap.
+
+    Each may be of use where it acts, while the links' numbers that were fitted beside it do harm elsewhere.
+
+    Returns:
+        The evidence without them, and a sentence for each.
+    """
+    model, before = evidence.model_fit.model, evidence.whitened_excess(None)
+    left = evidence.whitened_excess(evidence.model_fit)
+    if not model or evidence.pushes or left <= (1.0 - PART_MIN) * before:
+        return evidence, ()
+    part = max(0.0, 1.0 - left / before) if before > 0.0 else 0.0
+    notes = tuple(
+        f"not named: {term.candidate.name}: all causes together explain {100.0 * part:.2g} % of the gap"
+        for term in model
+    )
+    return _without(evidence, model), notes
 
 
 def without_uncertain(evidence: Evidence) -> tuple[Evidence, tuple[str, ...]]:

@@ -16,6 +16,7 @@ from impedance_modules.diagnosis.model_selection.naming import (
     rejection,
     terms_of,
     without_causes,
+    without_negligible,
     without_unconfirmed,
 )
 from impedance_modules.diagnosis.residuals.preparation import Prepared
@@ -66,5 +67,6 @@ class RepeatedSearch:
         self._progress("evaluating candidates")
         evidence = self._search(refused=self._refused)
         evidence, unneeded = without_unconfirmed(evidence)
+        evidence, negligible = without_negligible(evidence)
         pushed = push_notes(evidence.pushes, self._prepared)
-        return evidence, (*pushed, *evidence.notes, *self._refusals, *unneeded)
+        return evidence, (*pushed, *evidence.notes, *self._refusals, *unneeded, *negligible)
