@@ -52,8 +52,8 @@ WEAK_FLOOR_FACTOR = 3.0
 """... times this factor on a weak noise floor, where remainders of about this multiple of the noise pass."""
 
 UNREST_POWER = 3
-"""... times this power of the chi-square elsewhere over that of noise: of 12 recordings in which nothing pushed and a
-push was found, it was 1.4 to 4 in 11; of 20 with a push that was found, 1.0 in all (docs/wide-benchmark.md)."""
+"""... times this power of the chi-square elsewhere over that of noise: it was 1.0 at 17 pushes, and 1.4 to 4 at 24 of
+25 that were found where nothing pushed (docs/wide-benchmark.md)."""
 
 MEDIAN_OF_THREE = 2.366
 """Median of a chi-square of three numbers."""

@@ -75,15 +75,17 @@ class ProbabilityLaw:
 
 
 LAW = ProbabilityLaw(
-    base=-3.613,
+    base=-2.849,
     coefficients={
-        "gain": 2.208,
-        "lack_of_fit": -2.745,
-        "unexplained": -1.271,
-        "motion": 0.419,
-        "no_repeats": -0.343,
+        "gain": 1.644,
+        "weight": 0.676,
+        "deviations": 0.685,
+        "lack_of_fit": -1.333,
+        "unexplained": -2.393,
+        "motion": 0.979,
+        "no_repeats": -0.501,
     },
-    alternative=0.581,
+    alternative=0.325,
 )
 """Fitted, and printed, by `python -m benchmarks.wide calibrate OUT`; docs/wide-benchmark.md says to how many causes."""
 
