@@ -14,7 +14,12 @@ from impedance_modules.diagnosis.model_selection.conclusion import propose_motio
 from impedance_modules.diagnosis.model_selection.evidence import Evidence, above_negligible, negligible
 from impedance_modules.diagnosis.model_selection.external_pushes import ExternalPush
 from impedance_modules.diagnosis.model_selection.lack_of_fit import LackOfFit, RemainingStructure
-from impedance_modules.diagnosis.model_selection.push_forces import Forces, Place, hat_functions, steady_gain
+from impedance_modules.diagnosis.model_selection.push_forces import (
+    Forces,
+    PushPlace,
+    hat_functions,
+    steady_gain,
+)
 from impedance_modules.diagnosis.result import Cause, JointGap, Remainder, Rival
 from impedance_modules.effects.catalogue import CATALOGUE
 
@@ -266,7 +271,7 @@ def forces(**more: object) -> Forces:
         "gain": 1.0,
     }
     chosen = {**given, **more}
-    return Forces(place=Place(str(chosen.pop("body"))), **chosen)
+    return Forces(place=PushPlace(str(chosen.pop("body"))), **chosen)
 
 
 @pytest.mark.parametrize(
@@ -321,7 +326,7 @@ def test_what_a_model_leaves_elsewhere_asks_for_more_of_a_push(elsewhere: float,
 def push(
     recording: int = 0, start: float = 1.0, end: float = 2.0, force=(4.0, 0.0, 0.0), gain: float = 90.0
 ) -> ExternalPush:
-    return ExternalPush(recording, Place("fore"), start, end, np.array(force), np.ones(3), gain)
+    return ExternalPush(recording, PushPlace("fore"), start, end, np.array(force), np.ones(3), gain)
 
 
 def recordings(*groups: str) -> list[SimpleNamespace]:
@@ -398,9 +403,9 @@ def test_a_push_that_turns_one_joint_is_one_on_a_link_that_others_show_pushed(
 
 
 def test_one_link_is_taken_for_all_recordings_unless_another_fits_far_better() -> None:
-    def tried(hand: float, wrist: float) -> dict[Place, Forces]:
+    def tried(hand: float, wrist: float) -> dict[PushPlace, Forces]:
         return {
-            Place(name): forces(body=name, gain=gain) for name, gain in (("hand", hand), ("wrist", wrist))
+            PushPlace(name): forces(body=name, gain=gain) for name, gain in (("hand", hand), ("wrist", wrist))
         }
 
     alike = external_pushes._on_one_place({0: tried(900.0, 800.0), 3: tried(90.0, 100.0)})

@@ -13,7 +13,7 @@ import pytest
 from impedance_modules.cli.diagnose_verb import print_diagnosis
 from impedance_modules.cli.terminal import Terminal
 from impedance_modules.diagnosis.data.log import DataReport
-from impedance_modules.diagnosis.model_selection.push_forces import Place
+from impedance_modules.diagnosis.model_selection.push_forces import PushPlace
 from impedance_modules.diagnosis.model_selection.tolerance import (
     CHANGED,
     DRIFT,
@@ -189,7 +189,7 @@ def test_a_push_is_small_by_its_torque_while_it_lasts(force: float, small: bool,
     seen.prepared = (item,)
     seen.pushes = (
         SimpleNamespace(
-            recording=0, place=Place("hand"), start=3.0, end=4.0, force=np.array([9.0, force, 0.0])
+            recording=0, place=PushPlace("hand"), start=3.0, end=4.0, force=np.array([9.0, force, 0.0])
         ),
     )
     found = set_small_aside(diagnosis(push), seen, 0.01)

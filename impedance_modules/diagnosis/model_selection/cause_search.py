@@ -20,11 +20,13 @@ from impedance_modules.diagnosis.model_selection.external_pushes import (
     ExternalPush,
     find_pushes,
     rows_without_pushes,
+    torque_of,
 )
 from impedance_modules.diagnosis.model_selection.forward_selection import Selection, Selector
 from impedance_modules.diagnosis.model_selection.reversals import reversal_note, rows_without_reversals
 from impedance_modules.diagnosis.regression.candidates import (
     CandidateRegressor,
+    Group,
     candidate_regressors,
     list_candidates,
     shapes_of,
@@ -57,6 +59,7 @@ from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.external_contact import ExternalContact
 from impedance_modules.effects.recorded_signals import Signals
+from impedance_modules.effects.residual_kinds import uses_motion
 from impedance_modules.worker_processes import OrderedMap, map_here
 
 Progress = Callable[[str], None]
@@ -182,7 +185,12 @@ def _without_pushes(
     selector: Selector, found: Selection, prepared: Sequence[Prepared], progress: Progress
 ) -> tuple[Selector, Selection, tuple[ExternalPush, ...]]:
     """Repeats the search with pushes masked; returns what was given where there is no push."""
-    pushes = find_pushes(selector.model_fit(found.causes), prepared)
+    least = negligible(prepared, selector.design.groups)
+    pushes = tuple(
+        push
+        for push in find_pushes(selector.model_fit(found.causes), prepared)
+        if _moves_more(push, prepared[push.recording], selector.design.groups, least)
+    )
     if not pushes:
         return selector, found, ()
     progress("masking moments of contact")
@@ -192,6 +200,14 @@ def _without_pushes(
     if not _fits_as_well(masked, again.causes, found.causes):
         return selector, found, ()  # the first causes explain the same rows better: there was no push
     return masked, again, _refitted_pushes(selector, masked, again.causes, prepared) or pushes
+
+
+def _moves_more(push: ExternalPush, item: Prepared, groups: Sequence[Group], least: Array) -> bool:
+    """Whether a push turns some joint by more than a torque that is negligible, (groups,)."""
+    torque = torque_of(push, item)
+    return any(
+        torque[joint] > least[g] for g, (residual, joint) in enumerate(groups) if uses_motion(residual)
+    )
 
 
 def _tested(

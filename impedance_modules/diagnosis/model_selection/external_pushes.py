@@ -26,7 +26,7 @@ from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.model_selection.push_forces import (
     SPACING,
     Forces,
-    Place,
+    PushPlace,
     chi_square_of,
     fit_forces,
     free_torques,
@@ -97,7 +97,7 @@ class ExternalPush:
     """
 
     recording: int
-    place: Place
+    place: PushPlace
     start: float
     end: float
     force: Array
@@ -119,7 +119,7 @@ def find_pushes(
     groups = [g for g, (residual, _) in enumerate(model_fit.design.groups) if uses_motion(residual)]
     if len(groups) < 2:
         return ()
-    tried: dict[int, dict[Place, Forces]] = {}
+    tried: dict[int, dict[PushPlace, Forces]] = {}
     lefts: dict[int, list[Array]] = {}
     for r, item in enumerate(prepared):
         left = model_fit.residuals(known, r)
@@ -136,9 +136,9 @@ def find_pushes(
     return pushes
 
 
-def _on_one_place(tried: Mapping[int, Mapping[Place, Forces]]) -> dict[int, Forces]:
+def _on_one_place(tried: Mapping[int, Mapping[PushPlace, Forces]]) -> dict[int, Forces]:
     """The place of each recording: the one that explains most in all, unless another fits its pattern far better."""
-    total: Counter[Place] = Counter()
+    total: Counter[PushPlace] = Counter()
     for places in tried.values():
         total.update({place: forces.gain for place, forces in places.items()})
     found = {}
@@ -154,7 +154,7 @@ def _confirmed(
     prepared: Sequence[Prepared],
     lefts: Mapping[int, Sequence[Array]],
     found: Mapping[int, Forces],
-    touched: frozenset[Place],
+    touched: frozenset[PushPlace],
 ) -> tuple[ExternalPush, ...]:
     """Pushes of all recordings, without those that a repeat shows as well; ``touched``: places known to be pushed."""
     every = (
@@ -174,6 +174,14 @@ def rows_without_pushes(pushes: Sequence[ExternalPush], prepared: Sequence[Prepa
         clear = out.setdefault(push.recording, np.ones(item.samples, dtype=bool))
         clear &= (time < push.start - MARGIN) | (time > push.end + MARGIN)
     return out
+
+
+def torque_of(push: ExternalPush, item: Prepared) -> Array:
+    """(n,) rms torque of a push at each joint while it lasts."""
+    signals, time = item.signals, item.signals.time - item.log.start
+    inside = (time >= push.start) & (time <= push.end)
+    J = push.place.jacobian(signals.model, signals.position[inside])
+    return np.asarray(np.sqrt(np.mean(np.einsum("mij,i->mj", J, push.force) ** 2, axis=0)))
 
 
 def cause_of_pushes(pushes: Sequence[ExternalPush], share: float) -> Cause:

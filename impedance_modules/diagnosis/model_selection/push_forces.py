@@ -32,7 +32,7 @@ ROUNDS = 6
 
 
 @dataclass(frozen=True)
-class Place:
+class PushPlace:
     """Where a link is pushed.
 
     Attributes:
@@ -56,14 +56,16 @@ class Place:
 class Forces:
     """Hat functions at one place in one recording: (k, 3) forces [N], their covariance, gain of each joint."""
 
-    place: Place
+    place: PushPlace
     force: Array
     covariance: Array
     joints: Array
     gain: float
 
 
-def fit_forces(model_fit: ModelFit, item: Prepared, r: int, left: Sequence[Array], place: Place) -> Forces:
+def fit_forces(
+    model_fit: ModelFit, item: Prepared, r: int, left: Sequence[Array], place: PushPlace
+) -> Forces:
     """Fits the force at one place."""
     J = item.band.condense(place.jacobian(item.signals.model, item.signals.position))
     _, hats = hat_functions(item, item.samples)
@@ -136,7 +138,7 @@ def steady_gain(forces: Forces, first: int, last: int) -> float:
     return explained - size - 2.0
 
 
-def touched_places(item: Prepared) -> tuple[Place, ...]:
+def touched_places(item: Prepared) -> tuple[PushPlace, ...]:
     """Places at which a force is tried: origins and centres of mass of the moving links, and origins fixed to them.
 
     Those that are some way off each other: a force on a hand turns the joints of its wrist, one at the last link's
@@ -145,9 +147,9 @@ def touched_places(item: Prepared) -> tuple[Place, ...]:
     model, posture = item.signals.model, item.signals.position[:1]
     moving = [body.link for body in item.tree.bodies]
     fixed = [link for link in model.bodies if link not in moving]
-    candidates = [Place(link) for link in (*moving, *fixed)]
-    candidates += [Place(link, _rounded(model.centre(link))) for link in moving]
-    out: list[Place] = []
+    candidates = [PushPlace(link) for link in (*moving, *fixed)]
+    candidates += [PushPlace(link, _rounded(model.centre(link))) for link in moving]
+    out: list[PushPlace] = []
     points: list[Array] = []
     for place in candidates:
         rotated = (model.rotation(place.body, posture) @ np.array(place.point))[0]

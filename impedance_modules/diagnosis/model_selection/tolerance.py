@@ -24,6 +24,7 @@ from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.model_selection.cause_search import SIGMA
 from impedance_modules.diagnosis.model_selection.conclusion import SHARE_THAT_MATTERS, verdict_of
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
+from impedance_modules.diagnosis.model_selection.external_pushes import torque_of
 from impedance_modules.diagnosis.model_selection.lack_of_fit import ALPHA, MOMENT
 from impedance_modules.diagnosis.model_selection.naming import ranked_terms
 from impedance_modules.diagnosis.regression.candidates import Group
@@ -194,11 +195,7 @@ def _small_pushes(evidence: Evidence, limits: Array) -> bool:
     """Whether the torque J^T f of every push, rms while it lasts, is within the limits (groups,) at each joint."""
     seen = [(g, joint) for g, (residual, joint) in enumerate(evidence.design.groups) if uses_motion(residual)]
     for push in evidence.pushes:
-        item = evidence.prepared[push.recording]
-        signals, time = item.signals, item.signals.time - item.log.start
-        inside = (time >= push.start) & (time <= push.end)
-        jacobian = push.place.jacobian(signals.model, signals.position[inside])
-        torque = np.sqrt(np.mean(np.einsum("mij,i->mj", jacobian, push.force) ** 2, axis=0))
+        torque = torque_of(push, evidence.prepared[push.recording])
         if any(torque[joint] > limits[g] for g, joint in seen):
             return False
     return bool(evidence.pushes)
