@@ -52,12 +52,24 @@ def test_pushes_are_found_again_by_a_model_that_was_fitted_without_them(monkeypa
     assert cause_search._refitted_pushes(selector("all", {}, lost=("b",)), masked, causes, []) == ()
 
 
+def test_a_push_counts_if_it_turns_some_joint_by_more_than_is_negligible(monkeypatch) -> None:
+    """Of a link's torque; what a drive or a velocity shows is no matter of a push."""
+    pushes = tuple(SimpleNamespace(recording=r) for r in (0, 1, 1))
+    torques = iter([np.array([0.5, 0.05]), np.array([0.5, 0.15]), np.array([1.5, 0.0])])
+    groups = (("link", 0), ("link", 1), ("actuator", 0), ("velocity", 1))
+    monkeypatch.setattr(cause_search, "find_pushes", lambda model_fit, prepared: pushes)
+    monkeypatch.setattr(cause_search, "negligible", lambda prepared, groups: np.array([1.0, 0.1, 0.0, 0.0]))
+    monkeypatch.setattr(cause_search, "torque_of", lambda push, item: next(torques))
+    model_fit = SimpleNamespace(design=SimpleNamespace(groups=groups))
+    assert cause_search._noticeable_pushes(model_fit, [None, None]) == pushes[1:]
+
+
 @pytest.fixture
 def searched(monkeypatch):
     """Looks for pushes; the search on masked rows finds b, and the pushes again if it is told so."""
 
     def run(pushes: tuple, well: bool, refitted: tuple):
-        monkeypatch.setattr(cause_search, "find_pushes", lambda model_fit, prepared: pushes)
+        monkeypatch.setattr(cause_search, "_noticeable_pushes", lambda model_fit, prepared: pushes)
         monkeypatch.setattr(cause_search, "rows_of_link_residuals", lambda rows, groups: rows)
         monkeypatch.setattr(cause_search, "rows_without_pushes", lambda pushes, prepared: {})
         monkeypatch.setattr(cause_search, "intersect_masks", lambda one, other: {})

@@ -26,7 +26,6 @@ from impedance_modules.diagnosis.model_selection.forward_selection import Select
 from impedance_modules.diagnosis.model_selection.reversals import reversal_note, rows_without_reversals
 from impedance_modules.diagnosis.regression.candidates import (
     CandidateRegressor,
-    Group,
     candidate_regressors,
     list_candidates,
     shapes_of,
@@ -185,12 +184,7 @@ def _without_pushes(
     selector: Selector, found: Selection, prepared: Sequence[Prepared], progress: Progress
 ) -> tuple[Selector, Selection, tuple[ExternalPush, ...]]:
     """Repeats the search with pushes masked; returns what was given where there is no push."""
-    least = negligible(prepared, selector.design.groups)
-    pushes = tuple(
-        push
-        for push in find_pushes(selector.model_fit(found.causes), prepared)
-        if _moves_more(push, prepared[push.recording], selector.design.groups, least)
-    )
+    pushes = _noticeable_pushes(selector.model_fit(found.causes), prepared)
     if not pushes:
         return selector, found, ()
     progress("masking moments of contact")
@@ -202,11 +196,19 @@ def _without_pushes(
     return masked, again, _refitted_pushes(selector, masked, again.causes, prepared) or pushes
 
 
-def _moves_more(push: ExternalPush, item: Prepared, groups: Sequence[Group], least: Array) -> bool:
-    """Whether a push turns some joint by more than a torque that is negligible, (groups,)."""
-    torque = torque_of(push, item)
-    return any(
-        torque[joint] > least[g] for g, (residual, joint) in enumerate(groups) if uses_motion(residual)
+def _noticeable_pushes(model_fit: ModelFit, prepared: Sequence[Prepared]) -> tuple[ExternalPush, ...]:
+    """Pushes of more than a negligible torque on some joint."""
+    pushes = find_pushes(model_fit, prepared)
+    if not pushes:
+        return ()
+    groups = model_fit.design.groups
+    least = negligible(prepared, groups)
+    moved = [(g, joint) for g, (residual, joint) in enumerate(groups) if uses_motion(residual)]
+    torques = [torque_of(push, prepared[push.recording]) for push in pushes]
+    return tuple(
+        push
+        for push, torque in zip(pushes, torques, strict=True)
+        if any(torque[joint] > least[g] for g, joint in moved)
     )
 
 
