@@ -198,8 +198,7 @@ class RigidModel:
 
     def point_jacobian(self, body: str, point: Array, q: Array) -> Array:
         """Computes J (N, 3, n) of a point (3,) [m] in a link's frame, linear, in base axes."""
-        linear, angular = np.split(self.jacobian(body, q), 2, axis=1)
-        return np.asarray(linear + np.cross(angular, (self.rotation(body, q) @ point)[:, :, None], axis=1))
+        return np.asarray(self.rotation(body, q) @ self._at_point(self._own_jacobian(body, q), point)[:, :3])
 
     def centre(self, body: str) -> Array:
         """Gives a link's nominal centre of mass (3,) in its frame [m]; its origin if it has no mass.

@@ -43,7 +43,7 @@ def test_causes_of_masked_rows_must_explain_them_about_as_well(again: float, wel
 
 def test_pushes_are_found_again_by_a_model_that_was_fitted_without_them(monkeypatch) -> None:
     seen = []
-    monkeypatch.setattr(cause_search, "find_pushes", lambda *given: seen.append(given) or ("again",))
+    monkeypatch.setattr(cause_search, "_noticeable_pushes", lambda *given: seen.append(given) or ("again",))
     masked = selector("masked", {})
     causes = [term("a"), term("b")]
     assert cause_search._refitted_pushes(selector("all", {}), masked, causes, ["items"]) == ("again",)
@@ -57,7 +57,7 @@ def test_a_push_counts_if_it_turns_some_joint_by_more_than_is_negligible(monkeyp
     pushes = tuple(SimpleNamespace(recording=r) for r in (0, 1, 1))
     torques = iter([np.array([0.5, 0.05]), np.array([0.5, 0.15]), np.array([1.5, 0.0])])
     groups = (("link", 0), ("link", 1), ("actuator", 0), ("velocity", 1))
-    monkeypatch.setattr(cause_search, "find_pushes", lambda model_fit, prepared: pushes)
+    monkeypatch.setattr(cause_search, "find_pushes", lambda *given: pushes)
     monkeypatch.setattr(cause_search, "negligible", lambda prepared, groups: np.array([1.0, 0.1, 0.0, 0.0]))
     monkeypatch.setattr(cause_search, "torque_of", lambda push, item: next(torques))
     model_fit = SimpleNamespace(design=SimpleNamespace(groups=groups))

@@ -196,9 +196,11 @@ def _without_pushes(
     return masked, again, _refitted_pushes(selector, masked, again.causes, prepared) or pushes
 
 
-def _noticeable_pushes(model_fit: ModelFit, prepared: Sequence[Prepared]) -> tuple[ExternalPush, ...]:
+def _noticeable_pushes(
+    model_fit: ModelFit, prepared: Sequence[Prepared], coefficients: Array | None = None
+) -> tuple[ExternalPush, ...]:
     """Pushes of more than a negligible torque on some joint."""
-    pushes = find_pushes(model_fit, prepared)
+    pushes = find_pushes(model_fit, prepared, coefficients)
     if not pushes:
         return ()
     groups = model_fit.design.groups
@@ -256,7 +258,9 @@ def _refitted_pushes(
     model = [term for term in known if term is not None]
     if len(model) < len(known):
         return ()
-    return find_pushes(selector.model_fit(model), prepared, masked.model_fit(causes).whole.coefficients)
+    return _noticeable_pushes(
+        selector.model_fit(model), prepared, masked.model_fit(causes).whole.coefficients
+    )
 
 
 def _fits_as_well(masked: Selector, causes: Sequence[ModelTerm], first: Sequence[ModelTerm]) -> bool:

@@ -17,7 +17,7 @@ from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.model_selection.external_pushes import cause_of_pushes
 from impedance_modules.diagnosis.model_selection.gap_location import held_out_series, locate_gap
 from impedance_modules.diagnosis.model_selection.lack_of_fit import LackOfFit, lack_of_fit
-from impedance_modules.diagnosis.model_selection.naming import noise_power, ranked_terms
+from impedance_modules.diagnosis.model_selection.naming import SHARE_THAT_MATTERS, noise_power, ranked_terms
 from impedance_modules.diagnosis.model_selection.rivals import judge_rivals
 from impedance_modules.diagnosis.regression.candidates import Candidate
 from impedance_modules.diagnosis.regression.model_fit import ModelTerm
@@ -25,10 +25,6 @@ from impedance_modules.diagnosis.regression.parameter_estimates import estimates
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.diagnosis.result import Cause, Diagnosis, JointGap, Remainder, no_rollout
 from impedance_modules.effects.catalogue import CATALOGUE
-
-SHARE_THAT_MATTERS = 0.05
-"""Part of the gap that a cause must explain for its rivals to make the verdict ambiguous, and below which a cause, or
-what is left, is minor beside the others if it is within the tolerance, too."""
 
 EXPLAINED_MIN, WEAK_FLOOR_LIMIT = 0.25, 6.0
 """Causes that explain less than the first part of the gap neither explain it nor make it ambiguous, whatever the noise

@@ -18,8 +18,9 @@ HELD_OUT_MIN = 0.1
 """Part of the held-out squares, where a cause acts, that it must remove: twice what it had to of the others. Of 178
 causes of simulated cases 32 were below it, 3 of them true (docs/wide-benchmark.md)."""
 
-PART_MIN = 0.05
-"""Least part of the held-out gap that causes must explain together for any to be named."""
+SHARE_THAT_MATTERS = 0.05
+"""Part of the gap that causes must explain together for any to be named, and one alone for its rivals to make the
+verdict ambiguous; below it a cause, or what is left, is minor beside the others if it is within the tolerance, too."""
 
 
 def ranked_terms(evidence: Evidence, power: Callable[[ModelFit], float]) -> list[tuple[ModelTerm, float]]:
@@ -97,7 +98,7 @@ def without_negligible(evidence: Evidence) -> tuple[Evidence, tuple[str, ...]]:
     """
     model, before = evidence.model_fit.model, evidence.whitened_excess(None)
     left = evidence.whitened_excess(evidence.model_fit)
-    if not model or evidence.pushes or left <= (1.0 - PART_MIN) * before:
+    if not model or evidence.pushes or left <= (1.0 - SHARE_THAT_MATTERS) * before:
         return evidence, ()
     part = max(0.0, 1.0 - left / before) if before > 0.0 else 0.0
     notes = tuple(

@@ -45,7 +45,8 @@ class PushPlace:
 
     def __str__(self) -> str:
         """The link, and the point where it is not the link's origin."""
-        return f"{self.body} at {self.point}" if any(self.point) else self.body
+        x, y, z = self.point
+        return f"{self.body} at ({x:g}, {y:g}, {z:g}) m in its frame" if any(self.point) else self.body
 
     def jacobian(self, model: RigidModel, position: Array) -> Array:
         """J (N, 3, n) of the point in base axes."""
@@ -67,7 +68,7 @@ def fit_forces(
     model_fit: ModelFit, item: Prepared, r: int, left: Sequence[Array], place: PushPlace
 ) -> Forces:
     """Fits the force at one place."""
-    J = item.band.condense(place.jacobian(item.signals.model, item.signals.position))
+    J = place.jacobian(item.signals.model, item.position)
     _, hats = hat_functions(item, item.samples)
     count = hats.shape[1]
     gram, right = 1e-6 * np.eye(3 * count), np.zeros(3 * count)

@@ -9,10 +9,10 @@ from functools import partial
 from impedance_modules.diagnosis.data.folds import DataSplit
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
 from impedance_modules.diagnosis.model_selection.cause_search import CandidateKey, Progress, search_causes
-from impedance_modules.diagnosis.model_selection.conclusion import SHARE_THAT_MATTERS
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.model_selection.external_pushes import push_notes
 from impedance_modules.diagnosis.model_selection.naming import (
+    SHARE_THAT_MATTERS,
     rejection,
     terms_of,
     without_causes,

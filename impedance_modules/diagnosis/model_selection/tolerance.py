@@ -22,11 +22,11 @@ from scipy.stats import chi2
 
 from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.model_selection.cause_search import SIGMA
-from impedance_modules.diagnosis.model_selection.conclusion import SHARE_THAT_MATTERS, verdict_of
+from impedance_modules.diagnosis.model_selection.conclusion import verdict_of
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.model_selection.external_pushes import torque_of
 from impedance_modules.diagnosis.model_selection.lack_of_fit import ALPHA, MOMENT
-from impedance_modules.diagnosis.model_selection.naming import ranked_terms
+from impedance_modules.diagnosis.model_selection.naming import SHARE_THAT_MATTERS, ranked_terms
 from impedance_modules.diagnosis.regression.candidates import Group
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.diagnosis.result import Cause, Diagnosis, Remainder, Rollout

@@ -134,15 +134,8 @@ def _moments(pieces: Sequence[Array], masks: Sequence[Mask], size: int) -> list[
 
 def _each(pieces: Sequence[Array], size: int, law: Callable[[Array], Array]) -> list[Array]:
     """Some law of each moment's power over the median one's, for every sample."""
-    powers = [_powers(piece, size) for piece in pieces]
-    usual = max(float(np.median(np.concatenate(powers))), LEAST_POWER)
+    ratios = _moments(pieces, [np.ones(len(piece), dtype=bool) for piece in pieces], size)
     return [
-        np.repeat(law(np.maximum(power / usual, LEAST_POWER)), size)[: len(piece)]
-        for power, piece in zip(powers, pieces, strict=True)
+        np.repeat(law(np.maximum(ratio, LEAST_POWER)), size)[: len(piece)]
+        for ratio, piece in zip(ratios, pieces, strict=True)
     ]
-
-
-def _powers(piece: Array, size: int) -> Array:
-    """Mean square of each moment, the last one shorter."""
-    starts = np.arange(0, len(piece), size)
-    return np.asarray(np.add.reduceat(piece**2, starts) / np.diff(np.append(starts, len(piece))))
