@@ -29,7 +29,7 @@ from scipy.optimize import minimize
 
 from benchmarks.blind.answers import is_cause
 from benchmarks.blind.figures import Rate
-from benchmarks.wide.blocks import check_seals
+from benchmarks.wide.blocks import SEALS, check_seals
 from benchmarks.wide.reliability import brier_score, draw, table_of
 from benchmarks.wide.run import SEALED
 from impedance_modules.arrays import Array
@@ -85,9 +85,14 @@ def named_causes(out: Path, answers: Path) -> list[NamedCause]:
     """Reads the causes of all answers to development cases.
 
     Raises:
-        ValueError: A sealed file has changed, or an answer was written by a version without ``grounds``.
+        ValueError: A sealed file has changed, an answer was written by a version without ``grounds``, or there are no
+            cases or no answers.
     """
+    if not (out / SEALS).is_file():
+        raise ValueError(f"{out}: no cases (valid: OUT of `generate`, with {SEALS})")
     check_seals(out)
+    if not any(answers.glob("*.json")):
+        raise ValueError(f"{answers}: no answers to the cases in {out} (valid: where `run` wrote them)")
     found: list[NamedCause] = []
     for sealed in sorted((out / SEALED).glob("*.json")):
         for name, truth in sorted(json.loads(sealed.read_text())["cases"].items()):

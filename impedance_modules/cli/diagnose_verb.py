@@ -177,10 +177,10 @@ def _write(
 
         _save(report, html_report(found, answer, commands))
     if patch is not None:
-        from impedance_modules.diagnosis.report.diagnosis_files import patch_text
+        from impedance_modules.diagnosis.report.diagnosis_files import patch_text, why_no_patch
 
         if answer["patch"] is None:
-            say(f"{patch}: not written, no effect shrank the held-out gap", err=True)
+            say(f"{patch}: not written, {why_no_patch(found)}", err=True)
         else:
             _save(patch, patch_text(answer["patch"]))
 

@@ -175,6 +175,20 @@ def test_several_folders_are_fitted_together(tmp_path: Path) -> None:
     assert shown.exit_code == 0 and law in shown.output
 
 
+def test_a_folder_without_cases_or_answers_is_refused(tmp_path: Path) -> None:
+    """Beside one that has both: the law would rest on fewer causes than were asked for."""
+    every = causes(30)
+    whole, mute = answered(tmp_path / "whole", every), answered(tmp_path / "mute", every)
+    (mute / "answers").rename(tmp_path / "elsewhere")
+    (tmp_path / "bare").mkdir()
+    for other, words in (
+        ("bare", "no cases (valid: OUT of `generate`"),
+        ("mute", "no answers to the cases in"),
+    ):
+        shown = CliRunner().invoke(main, ["calibrate", str(whole), str(tmp_path / other)])
+        assert shown.exit_code == 2 and words in shown.output and other in shown.output
+
+
 def test_answers_without_grounds_are_refused(tmp_path: Path) -> None:
     out = answered(tmp_path / "out", causes(30))
     (out / "answers" / "case3.json").write_text('{"causes": [{"effect": "payload"}]}')

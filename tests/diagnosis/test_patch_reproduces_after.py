@@ -20,7 +20,7 @@ from impedance_modules.diagnosis.data.log import Log
 from impedance_modules.diagnosis.data.nominal_model import NominalModel, model_of_spec, with_known_effects
 from impedance_modules.diagnosis.data.rigid_dynamics import BatchedRigidModel
 from impedance_modules.diagnosis.diagnose import insufficient
-from impedance_modules.diagnosis.report.diagnosis_files import patch_object, patch_text
+from impedance_modules.diagnosis.report.diagnosis_files import patch_object, patch_text, why_no_patch
 from impedance_modules.diagnosis.residuals.band import choose_band
 from impedance_modules.diagnosis.residuals.preparation import Prepared, prepare
 from impedance_modules.diagnosis.result import Cause, Diagnosis, Estimate
@@ -162,3 +162,26 @@ def test_the_patch_leaves_what_the_diagnosis_claimed(
     most = max(took for _, took, _ in found)
     for residual, took, differs in found:
         assert differs <= allowed * most + 1e-9, f"{residual}: took {took:.3g}, differs by {differs:.3g}"
+
+
+def named(effect: str, shrink: float | None, port: str = "link") -> Cause:
+    numbers = {"right_w0": {"c": Estimate(0.1, 0.01, "N.m")}}
+    return Cause(effect, ("right_w0",), port, numbers, 0.5, shrink, (), (), {}, {})
+
+
+@pytest.mark.parametrize(("together", "kept"), [(0.9, 2), (0.019, 1), (None, 1)])
+def test_what_helps_beside_the_others_is_in_the_patch(together: float | None, kept: int) -> None:
+    """A small cause beside a loud joint's, or two that act against each other, shrink little or nothing alone."""
+    causes = (named("torque_offset", 0.5), named("viscous_friction", -0.4))
+    found = replace(diagnosis_with(causes[0]), causes=causes, shrink=together)
+    assert len(patch_object(found)["effects"]) == kept
+
+
+def test_where_there_is_no_patch_the_reason_is_said() -> None:
+    push, useless = named("external_contact", None, "contact"), named("torque_offset", 0.01)
+    pushed = replace(diagnosis_with(push), shrink=0.9)
+    assert patch_object(pushed) is None and "no property of the robot" in why_no_patch(pushed)
+    unhelpful = diagnosis_with(useless)
+    assert patch_object(unhelpful) is None and why_no_patch(unhelpful) == "no effect shrank the held-out gap"
+    nothing = replace(unhelpful, causes=(), verdict="unexplained")
+    assert patch_object(nothing) is None and "the verdict is unexplained" in why_no_patch(nothing)

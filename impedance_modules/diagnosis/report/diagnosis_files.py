@@ -40,6 +40,9 @@ EDGES = (0.0, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
 SHRINK_MIN = 0.02
 """A cause that shrinks the held-out gap by less alone is in the patch only if all causes together shrink it so far."""
 
+PATCHED = ("explained", "partly_explained", "ambiguous")
+"""Verdicts with which a patch is written."""
+
 VALUE_MAX = 9e8
 """Causes with larger numbers, beyond the format's bounds, are not in the patch."""
 
@@ -181,7 +184,7 @@ def spectrum_object(series: Sequence[ResidualSeries]) -> dict[str, Any]:
 def patch_object(diagnosis: Diagnosis) -> dict[str, Any] | None:
     """Builds the patch; None where no cause belongs into it."""
     effects = [_effect(cause) for cause in diagnosis.causes if _in_patch(cause, diagnosis.shrink)]
-    if not effects or diagnosis.verdict not in ("explained", "partly_explained", "ambiguous"):
+    if not effects or diagnosis.verdict not in PATCHED:
         return None
     return {
         "format": 1,
@@ -288,6 +291,16 @@ def _number(value: float | None) -> float | None:
 
 def _nyquist(time: Array) -> float:
     return 0.5 / float(np.median(np.diff(time)))
+
+
+def why_no_patch(diagnosis: Diagnosis) -> str:
+    """Says why there is no patch."""
+    if diagnosis.verdict not in PATCHED:
+        return f"the verdict is {diagnosis.verdict}, and no cause is named"
+    effects = [CATALOGUE[cause.effect] for cause in diagnosis.causes]
+    if effects and all(effect.bound_to_recording for effect in effects):
+        return f"{', '.join(effect.description.id for effect in effects)}: {effects[0].not_exported}"
+    return "no effect shrank the held-out gap"
 
 
 def _octaves(time: Array, values: Array, edges: Sequence[float]) -> list[float]:

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from impedance_modules.diagnosis.report.diagnosis_files import why_no_patch
 from impedance_modules.diagnosis.report.html_causes import (
     cause_sections,
     in_short,
@@ -70,7 +71,7 @@ def html_report(found: Diagnosis, answer: dict[str, Any], commands: Sequence[str
     parts = _calm(found, answer) if answer["verdict"] == "no_gap" else _findings(found, answer)
     parts.append(_next(answer["next_motion"], commands))
     if answer["verdict"] != "no_gap":
-        parts.append(_patch(answer["patch"]))
+        parts.append(_patch(answer["patch"], found))
     title = f"Diagnosis of {text(answer['robot'])}"
     view = "<meta name='viewport' content='width=device-width,initial-scale=1'>"
     top = f"<!doctype html><html lang='en'><head><meta charset='utf-8'>{policy()}{view}<title>{title}</title>"
@@ -248,12 +249,10 @@ def _next(motion: dict[str, Any], commands: Sequence[str]) -> str:
     )
 
 
-def _patch(patch: dict[str, Any] | None) -> str:
+def _patch(patch: dict[str, Any] | None, found: Diagnosis) -> str:
     """What a patch holds, effect by effect; a sentence where there is none."""
     if patch is None:
-        return section(
-            "Patch", paragraph("None: no effect shrank the held-out gap, or the verdict allows none.")
-        )
+        return section("Patch", paragraph(f"None: {why_no_patch(found)}."))
     rows = [
         [effect["effect"], key, effect["port"], symbol, number(e["value"], 5), e["unit"]]
         for effect in patch["effects"]
