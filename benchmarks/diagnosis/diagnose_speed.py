@@ -76,7 +76,7 @@ def diagnose_once(folder: Path, answer: Path | None) -> dict[str, float]:
     """Diagnoses a set in this process; returns processor seconds by stage."""
     stages = Stages()
     from impedance_modules.diagnosis import compared_recordings, diagnose
-    from impedance_modules.diagnosis.model_selection import cause_search
+    from impedance_modules.diagnosis.model_selection import cause_search, repeated_search
     from impedance_modules.diagnosis.report.diagnosis_files import diagnosis_object
 
     stages.watch(compared_recordings, "_read", "reading")
@@ -85,7 +85,7 @@ def diagnose_once(folder: Path, answer: Path | None) -> dict[str, float]:
     for name in ("candidate_regressors", "generic_basis", "build_nuisance", "build_design", "_cleaned"):
         stages.watch(cause_search, name, "columns")
     stages.watch(cause_search, "_floor", "floor")
-    stages.watch(diagnose, "search_causes", "search")
+    stages.watch(repeated_search, "search_causes", "search")
     stages.watch(diagnose, "_concluded", "conclusion")
     stages.watch(diagnose, "with_rollouts", "rollouts")
     given = compared_with(folder)

@@ -134,5 +134,35 @@ def calibrate(out: tuple[Path, ...], answers: Path | None, write: bool, diagram:
         raise click.UsageError(str(error)) from error
 
 
+@main.command()
+@click.argument("out", type=click.Path(path_type=Path, exists=True), nargs=-1, required=True)
+@click.option(
+    "--answers", type=click.Path(path_type=Path), required=True, help="Kept here, in a folder for each OUT."
+)
+@click.option("--block", "blocks", multiple=True, type=click.Choice(BLOCKS), help="All when left out.")
+@click.option("--rule", "names", multiple=True, metavar="NAME", help="All of the table when left out.")
+@click.option("--jobs", type=click.IntRange(1), default=1, show_default=True)
+def ablate(
+    out: tuple[Path, ...], answers: Path, blocks: tuple[str, ...], names: tuple[str, ...], jobs: int
+) -> None:
+    """Asks the cases with all rules and without each one that mattered there; prints what changes."""
+    from benchmarks.wide.ablation import ask_without, watch_all
+    from benchmarks.wide.ablation_table import ablation_table
+    from benchmarks.wide.rules import rules_named
+
+    def tell(text: str) -> None:
+        click.echo(text, err=True)
+
+    folders = {one: answers / one.name for one in out}
+    try:
+        rules = rules_named(names)
+        for one, kept in folders.items():
+            watch_all(one, kept, blocks, jobs, tell)
+            ask_without(rules, one, kept, blocks, jobs, tell)
+        click.echo(ablation_table(folders, rules), nl=False)
+    except ValueError as error:
+        raise click.UsageError(str(error)) from error
+
+
 if __name__ == "__main__":
     main()

@@ -62,8 +62,11 @@ def names_of(out: Path, blocks: Sequence[str]) -> list[str]:
     return sorted(found)
 
 
-def run_case(case: Path, selection: Selection, answer: Path) -> dict[str, Any]:
-    """Asks about one case; returns exit, wall and processor seconds, memory [MB] and the end of what was printed."""
+def run_case(case: Path, selection: Selection, answer: Path, program: Sequence[str] = ()) -> dict[str, Any]:
+    """Asks about one case; returns exit, wall and processor seconds, memory [MB] and the end of what was printed.
+
+    ``program`` are the words after ``python -m`` that stand for ``impedance``, where it is another one.
+    """
     shown = json.loads((case / "case.json").read_text())
     with tempfile.TemporaryDirectory(prefix="wide-") as room:
         for name in shown["logs"]:
@@ -71,8 +74,8 @@ def run_case(case: Path, selection: Selection, answer: Path) -> dict[str, Any]:
         shutil.copytree(case / "robot", Path(room) / shown["robot"])
         asked = words(shown, selection, answer.resolve())
         changed = ["benchmarks.wide.thresholds", *selection.changes, "--"] if selection.changes else None
-        program = changed or ["impedance_modules"]
-        return measured([sys.executable, "-m", *program, *asked], Path(room), selection.timeout)
+        started = program or changed or ["impedance_modules"]
+        return measured([sys.executable, "-m", *started, *asked], Path(room), selection.timeout)
 
 
 def words(shown: dict[str, Any], selection: Selection, answer: Path) -> list[str]:
