@@ -136,7 +136,7 @@ SEARCH = (
     Rule("merge-delays", "one delay for several lags", f"{_SEARCH}:merge_delays", _given(0)),
     Rule("elimination", "causes that no longer pass are removed", f"{_SEARCH}:eliminate_backward", _given(0)),
     Rule(
-        "simplest", "a simpler law in the end", f"{_SEARCH}:Selector._simplest", lambda _, model: list(model)
+        "simplest", "a simpler law in the end", f"{_SEARCH}:Selector.simplest", lambda _, model: list(model)
     ),
     Rule(
         "reversals",

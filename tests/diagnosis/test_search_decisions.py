@@ -49,7 +49,12 @@ def test_a_term_is_displaced_if_it_leaves_its_bounds_or_goes_farther(
 
 @pytest.mark.parametrize(
     ("groups", "tried"),
-    [([(0,), (1,), (1,)], [1, 2]), ([(0,), (2,), (1,)], []), ([(0, 1), (1, 2), (1,)], [0, 1, 2])],
+    [
+        ([(0,), (1,), (1,)], [1, 2]),
+        ([(0,), (2,), (1,)], []),
+        ([(0, 1), (1, 2), (1,)], [0, 1, 2]),
+        ([(0,)], [0]),
+    ],
 )
 def test_causes_that_share_a_residual_with_the_last_are_exchanged_and_then_it(
     groups: list[tuple[int, ...]], tried: list[int]
@@ -81,7 +86,7 @@ def test_what_is_removed_is_remembered_and_the_search_goes_on(monkeypatch: pytes
     selector = SimpleNamespace(
         model_fit=lambda model: None, trials=None, rejection_reason=None, refiner=None, _removals=Counter()
     )
-    selector._add_causes, selector._simplest = add_causes, list
+    selector._add_causes, selector.simplest = add_causes, list
     found = Selector.run(selector, lambda text: None)
     assert begun == [[], [first, third]] and found.causes == (first, third)
     assert selector._removals == Counter({second.key: 1})
@@ -123,7 +128,7 @@ def test_a_simpler_law_on_the_same_joint_takes_the_place_of_one_with_numbers_tha
     selector = SimpleNamespace(
         model_fit=list, refiner=None, trials=lambda rest: [offset], rejection_reason=lambda one: reason
     )
-    found = Selector._simplest(selector, [other, own.term])
+    found = Selector.simplest(selector, [other, own.term])
     assert [one.key[0] for one in found] == ["viscous_friction", taken]
 
 

@@ -130,7 +130,7 @@ class Selector:
             if len(model) == len(grown):
                 break
             self._removals.update(term.key for term in grown if term not in model)
-        return Selection(tuple(self._simplest(model)), refusal)
+        return Selection(tuple(self.simplest(model)), refusal)
 
     def _add_causes(
         self, model: list[ModelTerm], progress: Callable[[str], None]
@@ -149,8 +149,7 @@ class Selector:
                 break
             model = [*model, *more]
             progress(f"found {' and '.join(f'{term.key[0]} on {term.key[1]}' for term in more)}")
-            if len(model) > 1:
-                model = self._exchange(model)
+            model = self._exchange(model)
         return model, refusal
 
     def trial(self, model_fit: ModelFit, layout: ColumnLayout) -> CandidateTrial:
@@ -223,7 +222,7 @@ class Selector:
             out.append(new if new.gain > old.gain else old)
         return [*out, *ranked[REFINED:]]
 
-    def _simplest(self, model: Sequence[ModelTerm]) -> list[ModelTerm]:
+    def simplest(self, model: Sequence[ModelTerm]) -> list[ModelTerm]:
         """Puts simpler laws on the same joints in the place of those whose further numbers may all be chance.
 
         A spring of no stiffness for certain is an offset: both were found beside causes that are gone now.
@@ -247,13 +246,14 @@ class Selector:
         return kept
 
     def _exchange(self, model: list[ModelTerm]) -> list[ModelTerm]:
-        """Replaces an accepted cause by another that does better now that the last one is known, and then the last."""
+        """Replaces accepted causes that share a residual with the last one by others that do better beside it.
+
+        And then the last one, which was chosen by the power it explains: another may be far more likely.
+        """
         last = model[-1]
-        for index, term in enumerate(model[:-1]):
-            if set(term.groups) & set(last.groups):
-                model = self._better(model, index)
-        if any(set(term.groups) & set(last.groups) for term in model[:-1]):
-            model = self._better(model, len(model) - 1)
+        shared = [i for i, term in enumerate(model[:-1]) if set(term.groups) & set(last.groups)]
+        for index in [*shared, len(model) - 1] if shared or len(model) == 1 else []:
+            model = self._better(model, index)
         return model
 
     def _better(self, model: list[ModelTerm], index: int) -> list[ModelTerm]:

@@ -157,6 +157,7 @@ def without_causes(evidence: Evidence, causes: Sequence[Cause]) -> tuple[Evidenc
 
 
 def _without(evidence: Evidence, left_out: Sequence[ModelTerm]) -> Evidence:
-    """Fits the other terms again."""
+    """Fits the other terms again, or simpler laws in the place of those that need no more beside the others."""
     kept = [term for term in evidence.model_fit.model if term not in left_out]
-    return replace(evidence, model_fit=evidence.selector.model_fit(kept))
+    selector = evidence.selector
+    return replace(evidence, model_fit=selector.model_fit(selector.simplest(kept)))
