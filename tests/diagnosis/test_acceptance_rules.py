@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What a candidate must show, one criterion at a time, and which of several that do as well is named."""
 
+from collections.abc import Callable
 from types import SimpleNamespace
 
 import numpy as np
@@ -209,18 +210,19 @@ def left(*squares: float) -> SimpleNamespace:
     return SimpleNamespace(counts=np.full(len(squares), 1000.0), unseen={3: rows})
 
 
-def refitted_gain(own: SimpleNamespace) -> float:
-    return rivalry._gain_in(rivalry._refitted(own), own)
-
-
 def compared(
     rival: SimpleNamespace,
     own: SimpleNamespace | None = None,
     ahead: float = 0.0,
     decided: float = rivalry.DECIDED,
+    held_out: Callable[[object], float] = lambda fit: 0.0,
 ) -> bool:
     own = trial(advantage=lambda _: ahead) if own is None else own
-    return rivalry._equal(own, rival, lambda: refitted_gain(own), decided)
+
+    def lead(other: SimpleNamespace) -> float:
+        return rivalry.lead_of(own, rivalry.refit(own), held_out)(other)
+
+    return rivalry._equal(own, rival, lead, decided)
 
 
 @pytest.mark.parametrize(
@@ -241,12 +243,16 @@ def test_a_rival_that_explains_as_much_power_is_judged_by_the_evidence_of_both_f
     """Tried in the cause's place, and once everything is fitted beside each of the two."""
     own, rival = trial(), trial("torque_offset", reach=reach, gain=300.0 - behind)
     fits = {id(own): left(1.0, 1.0), id(rival): left(1.0, np.exp(refitted / 500.0))}
-    monkeypatch.setattr(rivalry, "_refitted", lambda one: fits[id(one)])
+    monkeypatch.setattr(rivalry, "refit", lambda one: fits[id(one)])
     assert compared(rival, own) is equal
     # Of three samples in a row that say the same, two are no evidence.
     ahead = min(behind, refitted)
     judged = compared(rival, own, decided=3.0 * rivalry.DECIDED)
     assert judged is (equal or (reach > 950.0 and ahead < 15.0))
+    # The held-out recordings count as the fitted ones do.
+    for lead in (-9.0, 9.0):
+        seen = compared(rival, own, held_out=lambda fit, lead=lead: lead if fit is fits[id(own)] else 0.0)
+        assert seen is (reach > 950.0 and min(behind, refitted) + lead < rivalry.DECIDED)
 
 
 @pytest.mark.parametrize(
@@ -309,7 +315,7 @@ def test_a_cause_of_more_coefficients_must_be_ahead_by_their_penalty_too(monkeyp
     for free, equal in ((1, False), (3, True)):
         own = trial("payload", free=free)
         monkeypatch.setattr(
-            rivalry, "_refitted", lambda one, own=own: left(1.0 if one is own else np.exp(7.0 / 500.0))
+            rivalry, "refit", lambda one, own=own: left(1.0 if one is own else np.exp(7.0 / 500.0))
         )
         assert compared(rival, own) is equal
 

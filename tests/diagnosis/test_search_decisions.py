@@ -166,13 +166,13 @@ def test_what_other_causes_hold_is_no_rival(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(rivals, "both_delay_torque", lambda own, found: False)
     asked: list[float] = []
 
-    def as_good(own: SimpleNamespace, rival: SimpleNamespace, refitted: object, decided: float) -> bool:
+    def as_good(own: SimpleNamespace, rival: SimpleNamespace, lead: object, decided: float) -> bool:
         asked.append(decided)
         return bool(rival.term.candidate.effect.id == "equal" or rival.term is there)
 
     monkeypatch.setattr(rivals, "_equal", as_good)
     monkeypatch.setattr(rivals, "_open", lambda rival, own: True)
-    monkeypatch.setattr(rivals, "_refitted", lambda own: own.term)
+    monkeypatch.setattr(rivals, "refit", lambda own: own.term)
     monkeypatch.setattr(rivals, "correlation_surplus", lambda refitted, groups: 3.0)
     monkeypatch.setattr(rivals, "_named", lambda candidate, why: (candidate.effect.id, candidate.key))
     monkeypatch.setattr(rivals, "_reason", lambda own, rival: "worse")
@@ -184,7 +184,7 @@ def test_what_other_causes_hold_is_no_rival(monkeypatch: pytest.MonkeyPatch) -> 
         refined=lambda model_fit, trials: trials,
         plausibility=SimpleNamespace(unphysical=lambda rival: None),
     )
-    found = rivals.judge_rivals(selector, [cause, other], cause)
+    found = rivals.judge_rivals(selector, [cause, other], cause, lambda fit: 0.0)
     assert found.equal == (("equal", "elbow"),)
     assert found.elsewhere == ("sensor",)
     assert found.lost == (("worse", "elbow"), ("larger", "elbow"))

@@ -238,7 +238,7 @@ def _median_posture(evidence: Evidence, model: NominalModel) -> dict[str, float]
 def _cause(evidence: Evidence, term: ModelTerm, gain: float) -> Cause:
     candidate = term.candidate
     model = evidence.model_fit.model
-    compared = judge_rivals(evidence.selector, model, term)
+    compared = judge_rivals(evidence.selector, model, term, evidence.held_out_likelihood)
     prismatic = any(
         body.prismatic and body.joint in candidate.joints for body in evidence.prepared[0].tree.bodies
     )

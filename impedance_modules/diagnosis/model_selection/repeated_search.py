@@ -11,6 +11,7 @@ from impedance_modules.diagnosis.data.nominal_model import NominalModel
 from impedance_modules.diagnosis.model_selection.cause_search import CandidateKey, Progress, search_causes
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.model_selection.external_pushes import push_notes
+from impedance_modules.diagnosis.model_selection.held_out_rivals import with_rivals_that_hold
 from impedance_modules.diagnosis.model_selection.naming import (
     SHARE_THAT_MATTERS,
     rejection,
@@ -67,6 +68,7 @@ class RepeatedSearch:
         self._progress("evaluating candidates")
         evidence = self._search(refused=self._refused)
         evidence, unneeded = without_unconfirmed(evidence)
+        evidence, exchanged = with_rivals_that_hold(evidence)
         evidence, negligible = without_negligible(evidence)
         pushed = push_notes(evidence.pushes, self._prepared)
-        return evidence, (*pushed, *evidence.notes, *self._refusals, *unneeded, *negligible)
+        return evidence, (*pushed, *evidence.notes, *self._refusals, *unneeded, *exchanged, *negligible)

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 
@@ -41,6 +40,13 @@ DELAYS_DECIDED = 7.5
 """... and log-likelihood, too [nats]."""
 
 
+Likelihood = Callable[[ModelFit], float]
+"""Log-likelihood of held-out recordings under a model that was fitted without them [nats]."""
+
+Lead = Callable[[CandidateTrial], float]
+"""By how much a cause is likelier than a rival [nats]."""
+
+
 @dataclass(frozen=True)
 class Comparison:
     """A cause beside its rivals.
@@ -58,12 +64,17 @@ class Comparison:
     standing: Standing
 
 
-def judge_rivals(selector: Selector, causes: Sequence[ModelTerm], term: ModelTerm) -> Comparison:
-    """Tries every promising candidate in a cause's place, the other causes kept."""
+def judge_rivals(
+    selector: Selector, causes: Sequence[ModelTerm], term: ModelTerm, held_out: Likelihood
+) -> Comparison:
+    """Tries every promising candidate in a cause's place, the other causes kept.
+
+    ``held_out`` is the log-likelihood of recordings that no step of the search has fitted.
+    """
     model_fit = selector.model_fit([other for other in causes if other is not term])
     own = try_term(model_fit, term)
-    beside = _refitted(own)
-    refitted = cache(lambda: _gain_in(beside, own))
+    beside = refit(own)
+    lead = lead_of(own, beside, held_out)
     decided = DECIDED * correlation_surplus(beside, own.term.groups)
     held = {other.key for other in causes}
     equal: list[Rival] = []
@@ -79,7 +90,7 @@ def judge_rivals(selector: Selector, causes: Sequence[ModelTerm], term: ModelTer
         rival = selector.moved(model_fit, found) if both_delay_torque(own, found) else found
         candidate = rival.term.candidate
         other = not same_name(candidate, term.candidate)
-        reason = _lost(selector, own, rival, refitted, decided)
+        reason = _lost(selector, own, rival, lead, decided)
         if reason is not None:
             at = "" if other else f"at the {_place(candidate)}: "
             lost.append(_named(candidate, at + reason))
@@ -132,23 +143,20 @@ def _lost(
     selector: Selector,
     own: CandidateTrial,
     rival: CandidateTrial,
-    refitted: Callable[[], float],
+    lead: Lead,
     decided: float,
 ) -> str | None:
     """Why a rival lost; None where it cannot be told from the cause."""
-    if not _equal(own, rival, refitted, decided):
+    if not _equal(own, rival, lead, decided):
         return _reason(own, rival)
     return None if _open(rival, own) else selector.plausibility.unphysical(rival)
 
 
-def _equal(own: CandidateTrial, rival: CandidateTrial, refitted: Callable[[], float], decided: float) -> bool:
+def _equal(own: CandidateTrial, rival: CandidateTrial, lead: Lead, decided: float) -> bool:
     """Whether nothing decides between a cause and a rival that explains about as much power.
 
-    A trial keeps the weights of the model without the cause. Where the gap is large they are small, and the links'
-    errors stay within a prior that nothing moves: a cause that can imitate these errors too, a load beside a constant
-    torque, would seem ahead by what the nuisance explains as soon as the gap is closed. So a cause must be ahead in the
-    trial and once everything is fitted beside each of the two; ``refitted`` gives its own gain then. Samples of what
-    both leave that follow each other are no new evidence: ``decided`` grows as the errors of numbers do.
+    Samples of what both leave that follow each other are no new evidence: ``decided`` grows as the errors of numbers
+    do.
     """
     groups = own.term.groups
     mine, its = own.reach_on(groups), rival.reach_on(groups)
@@ -157,19 +165,39 @@ def _equal(own: CandidateTrial, rival: CandidateTrial, refitted: Callable[[], fl
     if both_delay_torque(own, rival):
         ahead = own.advantage(rival) >= DELAYS_SIGMA
         return not (ahead and own.gain - rival.gain > DELAYS_DECIDED)
-    if its < (1.0 - EQUAL_LOSS) * mine:
-        return False
-    if penalised_gain(own) - penalised_gain(rival) < decided:
-        return True
-    return refitted() - _gain_in(_refitted(rival), rival) < decided
+    return its >= (1.0 - EQUAL_LOSS) * mine and lead(rival) < decided
 
 
-def _gain_in(refitted: ModelFit, trial: CandidateTrial) -> float:
+def lead_of(own: CandidateTrial, beside: ModelFit, held_out: Likelihood) -> Lead:
+    """By how much a cause is likelier than a rival, given all recordings and each one's penalty [nats].
+
+    A trial keeps the weights of the model without the cause. Where the gap is large they are small, and the links'
+    errors stay within a prior that nothing moves: a cause that can imitate these errors too, a load beside a constant
+    torque, would seem ahead by what the nuisance explains as soon as the gap is closed. So a cause leads by what it is
+    ahead in the trial and once everything is fitted beside each of the two, whichever is less. The held-out recordings
+    count as they are predicted by the latter: on a small part of a joint's range a ripple is a spring, beyond it not.
+
+    Args:
+        own: The cause.
+        beside: The model with it, everything fitted anew.
+        held_out: Log-likelihood of the held-out recordings.
+    """
+
+    def lead(rival: CandidateTrial) -> float:
+        fitted = refit(rival)
+        tried = penalised_gain(own) - penalised_gain(rival)
+        anew = refitted_gain(beside, own) - refitted_gain(fitted, rival)
+        return min(tried, anew) + held_out(beside) - held_out(fitted)
+
+    return lead
+
+
+def refitted_gain(refitted: ModelFit, trial: CandidateTrial) -> float:
     """Penalised log-likelihood of the model with a candidate, everything fitted anew [nats]."""
     return _log_likelihood(refitted) - bic_penalty(trial)
 
 
-def _refitted(trial: CandidateTrial) -> ModelFit:
+def refit(trial: CandidateTrial) -> ModelFit:
     """The model with the candidate, everything fitted anew."""
     model_fit = trial.model_fit
     return ModelFit(model_fit.design, model_fit.folds, [*model_fit.model, trial.term])
