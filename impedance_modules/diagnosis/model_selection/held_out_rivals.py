@@ -2,8 +2,8 @@
 """Causes that fail on the held-out recordings, where a rival that fitted the others as well does not.
 
 On a small part of a joint's range a ripple, a spring and an offset are one thing; the held-out recording may go
-beyond it. Where a cause leaves more than noise of it, a rival that explains as much of the fitted ones takes its place
-if it is likelier by all recordings together (`rivals.lead_of`).
+beyond it. Where a cause leaves more than noise of it, a rival takes its place that is likelier by all recordings
+together (`rivals.lead_of`).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from impedance_modules.diagnosis.model_selection.acceptance import best_of_each
 from impedance_modules.diagnosis.model_selection.candidate_trial import try_term
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.model_selection.forward_selection import LACKING
-from impedance_modules.diagnosis.model_selection.rivals import ASKED, DECIDED, EQUAL_LOSS, lead_of, refit
+from impedance_modules.diagnosis.model_selection.rivals import ASKED, DECIDED, lead_of, refit
 from impedance_modules.diagnosis.regression.model_fit import ModelTerm
 from impedance_modules.diagnosis.regression.parameter_estimates import correlation_surplus
 
@@ -35,8 +35,8 @@ def with_rivals_that_hold(evidence: Evidence) -> tuple[Evidence, tuple[str, ...]
         model = [rival if other is term else other for other in evidence.model_fit.model]
         evidence = replace(evidence, model_fit=evidence.selector.model_fit(model))
         notes.append(
-            f"not named: {term.candidate.name}: {rival.candidate.name} explains the fitted recordings as well,"
-            " and the held-out ones better"
+            f"not named: {term.candidate.name}: it fails on the held-out recordings, and by all together"
+            f" {rival.candidate.name} is likelier"
         )
     return evidence, tuple(notes)
 
@@ -55,9 +55,7 @@ def _likelier(evidence: Evidence, term: ModelTerm) -> ModelTerm | None:
     rivals = [
         trial
         for trial in selector.refined(rest, [selector.trial(rest, entry.layout) for entry in entries])
-        if trial.term.key != term.key
-        and trial.reach_on(term.groups) >= (1.0 - EQUAL_LOSS) * own.reach_on(term.groups)
-        and selector.rejection_reason(trial) is None
+        if trial.term.key != term.key and selector.rejection_reason(trial) is None
     ]
     beside = refit(own)
     lead = lead_of(own, beside, evidence.held_out_likelihood)

@@ -23,11 +23,8 @@ from impedance_modules.diagnosis.regression.parameter_estimates import correlati
 from impedance_modules.diagnosis.result import Rival, Standing
 from impedance_modules.effects.effect_description import Port
 
-ASKED = 8
-"""Rivals that are tried beside each cause."""
-
-EQUAL_LOSS = 0.05
-"""Part of the power that a cause explains which an equivalent may explain less."""
+ASKED = 20
+"""Rivals that are tried beside each cause: friction alone has eight laws at two places."""
 
 DECIDED = 5.0
 """Penalised log-likelihood by which a cause must lie ahead of a rival [nats]: odds of 150 to one, very strong evidence
@@ -153,7 +150,7 @@ def _lost(
 
 
 def _equal(own: CandidateTrial, rival: CandidateTrial, lead: Lead, decided: float) -> bool:
-    """Whether nothing decides between a cause and a rival that explains about as much power.
+    """Whether nothing decides between a cause and a rival that there is evidence for.
 
     Samples of what both leave that follow each other are no new evidence: ``decided`` grows as the errors of numbers
     do.
@@ -165,7 +162,7 @@ def _equal(own: CandidateTrial, rival: CandidateTrial, lead: Lead, decided: floa
     if both_delay_torque(own, rival):
         ahead = own.advantage(rival) >= DELAYS_SIGMA
         return not (ahead and own.gain - rival.gain > DELAYS_DECIDED)
-    return its >= (1.0 - EQUAL_LOSS) * mine and lead(rival) < decided
+    return its > 0.0 and penalised_gain(rival) > 0.0 and lead(rival) < decided
 
 
 def lead_of(own: CandidateTrial, beside: ModelFit, held_out: Likelihood) -> Lead:
