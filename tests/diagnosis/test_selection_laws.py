@@ -311,7 +311,7 @@ def test_screening_leaves_out_what_the_model_holds_and_what_equals_it() -> None:
 def with_held_out(y: tuple, design: Any, *names: Any) -> Evidence:
     """Evidence of some candidates for rows, of which the last recording is held out."""
     other = replace(design, y=y, raw=y)
-    make = SimpleNamespace(model_fit=lambda model: fitted(other, *model))
+    make = SimpleNamespace(model_fit=lambda model: fitted(other, *model), simplest=list)
     terms = [term_of(other, name) for name in names]
     return Evidence(make, (len(y) - 1,), (), make.model_fit(terms), None, None, None)
 
