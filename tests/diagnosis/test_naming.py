@@ -21,6 +21,7 @@ from impedance_modules.diagnosis.model_selection.naming import (
     without_negligible,
     without_uncertain,
     without_unconfirmed,
+    without_weightless,
 )
 from impedance_modules.diagnosis.regression import parameter_estimates
 from impedance_modules.diagnosis.regression.parameter_estimates import beyond_chance, beyond_simpler
@@ -236,3 +237,11 @@ def test_what_is_left_out_gives_its_neighbours_their_simpler_laws_back() -> None
     kept, notes = without_unconfirmed(found)
     assert notes == ("not named: load on elbow: held-out recordings do not need it",)
     assert kept.model_fit.model == [simpler]
+
+
+def test_what_explains_no_power_of_all_residuals_together_is_not_named() -> None:
+    """A gain that removes half of a quiet wrist's residual, and adds as much at the shoulder."""
+    found, notes = without_weightless(evidence(tilt=5.0, gain=-0.1, spring=0.2))
+    assert named(found) == ["tilt", "spring"]
+    assert notes == ("not named: gain on elbow: it explains no power of all held-out residuals together",)
+    assert without_weightless(found) == (found, ())

@@ -18,6 +18,9 @@ HELD_OUT_MIN = 0.1
 """Part of the held-out squares, where a cause acts, that it must remove: twice what it had to of the others. Of 178
 causes of simulated cases 32 were below it, 3 of them true (docs/wide-benchmark.md)."""
 
+NO_POWER = 1e-12
+"""What a term that explains no power at all is given, so that weights stay above zero."""
+
 SHARE_THAT_MATTERS = 0.05
 """Part of the gap that causes must explain together for any to be named, and one alone for its rivals to make the
 verdict ambiguous; below it a cause, or what is left, is minor beside the others if it is within the tolerance, too."""
@@ -43,7 +46,7 @@ def ranked_terms(evidence: Evidence, power: Callable[[ModelFit], float]) -> list
     # Without the last one the last step but one is what is left.
     without = [*(left([*order[:i], *order[i + 1 :]]) for i in range(len(order) - 1)), *steps[-2:-1]]
     return [
-        (term, max(steps[i] - steps[i + 1], without[i] - steps[-1], 1e-12)) for i, term in enumerate(order)
+        (term, max(steps[i] - steps[i + 1], without[i] - steps[-1], NO_POWER)) for i, term in enumerate(order)
     ]
 
 
@@ -86,6 +89,26 @@ def without_unconfirmed(evidence: Evidence) -> tuple[Evidence, tuple[str, ...]]:
         notes.append(f"not named: {term.candidate.name}: {where}")
         evidence = _without(evidence, [term])
     return evidence, tuple(notes)
+
+
+def without_weightless(evidence: Evidence) -> tuple[Evidence, tuple[str, ...]]:
+    """Leaves out the terms that explain no power of the held-out recordings, one after the other.
+
+    What such a term removes where it acts, the links' numbers that were fitted beside it add elsewhere.
+
+    Returns:
+        The evidence with the others fitted again, and a sentence for each that was left out.
+    """
+    notes: list[str] = []
+    while True:
+        ranked = ranked_terms(evidence, noise_power(evidence))
+        term = next((term for term, gain in ranked if gain <= NO_POWER), None)
+        if term is None:
+            return evidence, tuple(notes)
+        notes.append(
+            f"not named: {term.candidate.name}: it explains no power of all held-out residuals together"
+        )
+        evidence = _without(evidence, [term])
 
 
 def without_negligible(evidence: Evidence) -> tuple[Evidence, tuple[str, ...]]:

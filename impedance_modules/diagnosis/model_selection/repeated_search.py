@@ -19,6 +19,7 @@ from impedance_modules.diagnosis.model_selection.naming import (
     without_causes,
     without_negligible,
     without_unconfirmed,
+    without_weightless,
 )
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.diagnosis.result import Cause
@@ -69,6 +70,15 @@ class RepeatedSearch:
         evidence = self._search(refused=self._refused)
         evidence, unneeded = without_unconfirmed(evidence)
         evidence, exchanged = with_rivals_that_hold(evidence)
+        evidence, weightless = without_weightless(evidence)
         evidence, negligible = without_negligible(evidence)
         pushed = push_notes(evidence.pushes, self._prepared)
-        return evidence, (*pushed, *evidence.notes, *self._refusals, *unneeded, *exchanged, *negligible)
+        return evidence, (
+            *pushed,
+            *evidence.notes,
+            *self._refusals,
+            *unneeded,
+            *exchanged,
+            *weightless,
+            *negligible,
+        )
