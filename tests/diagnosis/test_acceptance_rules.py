@@ -51,7 +51,9 @@ def trial(
         "discord": 0.0, "in_sample": SimpleNamespace(displaced=None, contrast_chi_square=np.inf, own=np.ones(1)),
         "reach_on": lambda chosen: reach, "advantage": lambda rival: 0.0,
     }  # fmt: skip
-    return SimpleNamespace(term=term, model_fit=model_fit, reach=reach, **{**good, **numbers})
+    known_numbers = {**good, **numbers}
+    gains = np.array([known_numbers["gain"], 0.0, 0.0])
+    return SimpleNamespace(term=term, model_fit=model_fit, reach=reach, unseen_gains=gains, **known_numbers)
 
 
 PENALTY = 0.5 * np.log(1000.0)
@@ -215,7 +217,7 @@ def compared(
     own: SimpleNamespace | None = None,
     ahead: float = 0.0,
     decided: float = rivalry.DECIDED,
-    held_out: Callable[[object], float] = lambda fit: 0.0,
+    held_out: Callable[[object], np.ndarray] = lambda fit: np.zeros(1),
 ) -> bool:
     own = trial(advantage=lambda _: ahead) if own is None else own
 
@@ -251,7 +253,7 @@ def test_a_rival_is_judged_by_the_evidence_of_both_fits_whatever_power_it_explai
     assert judged is (equal or (reach > 0.0 and ahead < 15.0))
     # The held-out recordings count as the fitted ones do.
     for lead in (-9.0, 9.0):
-        seen = compared(rival, own, held_out=lambda fit, lead=lead: lead if fit is fits[id(own)] else 0.0)
+        seen = compared(rival, own, held_out=lambda fit, lead=lead: np.array([lead * (fit is fits[id(own)])]))
         assert seen is (reach > 0.0 and min(behind, refitted) + lead < rivalry.DECIDED)
 
 
@@ -261,6 +263,19 @@ def test_a_rival_is_judged_by_the_evidence_of_both_fits_whatever_power_it_explai
 def test_a_delay_is_told_from_a_lag_by_its_gain_and_its_errors(behind, sigma, equal) -> None:
     own = trial("command_delay", advantage=lambda _: sigma)
     assert compared(trial("actuator_lag", reach=100.0, gain=300.0 - behind), own) is equal
+
+
+def test_what_a_rival_gains_elsewhere_does_not_make_it_equal(monkeypatch) -> None:
+    """A clock that drifts shows in all velocities; a joint's friction it explains but for 60 nats."""
+    own, clock = trial("coulomb_friction"), trial("clock_drift", groups=(0, 1), gain=2000.0)
+    clock.unseen_gains = np.array([240.0, 1760.0, 0.0])
+    fits = {id(own): left(1.0, 5.0), id(clock): left(np.exp(60.0 / 500.0), 1.0)}
+    monkeypatch.setattr(rivalry, "refit", lambda one: fits[id(one)])
+    assert not compared(clock, own)
+    # What explains the joint as well is as good, whatever else it explains.
+    clock.unseen_gains = np.array([299.0, 1760.0, 0.0])
+    fits[id(clock)] = left(1.0, 1.0)
+    assert compared(clock, own)
 
 
 def test_nothing_equals_what_explains_nothing() -> None:

@@ -78,11 +78,16 @@ class CandidateTrial:
         return min(self.unseen_gain, self.in_sample.gain)
 
     @cached_property
-    def unseen_gain(self) -> float:
-        """Held-out gain [nats]."""
+    def unseen_gains(self) -> Array:
+        """(groups,) held-out gain [nats]."""
         without, with_it = self._sums
         ratio = np.log(np.maximum(without.sum(axis=0), 1e-9) / np.maximum(with_it.sum(axis=0), 1e-9))
-        return float(0.5 * np.sum(self.model_fit.counts * ratio))
+        return np.asarray(0.5 * self.model_fit.counts * ratio)
+
+    @property
+    def unseen_gain(self) -> float:
+        """Held-out gain of all groups [nats]."""
+        return float(self.unseen_gains.sum())
 
     @cached_property
     def powers(self) -> Array:

@@ -139,10 +139,10 @@ class Evidence:
         left = fit.squares(coefficients, self.heldout)
         return np.asarray(left / np.maximum(self.design.count(self.heldout), 1.0))
 
-    def held_out_likelihood(self, model_fit: ModelFit) -> float:
-        """Log-likelihood of the held-out recordings, each group's level profiled out, but for a constant [nats]."""
+    def held_out_likelihood(self, model_fit: ModelFit) -> Array:
+        """(groups,) log-likelihood of the held-out recordings, each level profiled out, but for a constant [nats]."""
         left = model_fit.squares(model_fit.whole.coefficients, self.heldout)
-        return float(-0.5 * np.sum(self.design.count(self.heldout) * np.log(np.maximum(left, 1e-9))))
+        return np.asarray(-0.5 * self.design.count(self.heldout) * np.log(np.maximum(left, 1e-9)))
 
     def whitened_excess(self, model_fit: ModelFit | None) -> float:
         """That power beyond the noise, over all groups."""

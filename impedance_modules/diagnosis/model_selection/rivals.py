@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.model_selection.acceptance import (
     bic_penalty,
     both_delay_torque,
@@ -37,8 +38,8 @@ DELAYS_DECIDED = 7.5
 """... and log-likelihood, too [nats]."""
 
 
-Likelihood = Callable[[ModelFit], float]
-"""Log-likelihood of held-out recordings under a model that was fitted without them [nats]."""
+Likelihood = Callable[[ModelFit], Array]
+"""(groups,) log-likelihood of held-out recordings under a model that was fitted without them [nats]."""
 
 Lead = Callable[[CandidateTrial], float]
 """By how much a cause is likelier than a rival [nats]."""
@@ -173,25 +174,26 @@ def lead_of(own: CandidateTrial, beside: ModelFit, held_out: Likelihood) -> Lead
     torque, would seem ahead by what the nuisance explains as soon as the gap is closed. So a cause leads by what it is
     ahead in the trial and once everything is fitted beside each of the two, whichever is less. The held-out recordings
     count as they are predicted by the latter: on a small part of a joint's range a ripple is a spring, beyond it not.
+    A rival may gain more elsewhere, by what is wrong there: a cause leads, too, by what it is ahead where it acts.
 
     Args:
         own: The cause.
         beside: The model with it, everything fitted anew.
         held_out: Log-likelihood of the held-out recordings.
     """
+    where = list(own.term.groups)
 
     def lead(rival: CandidateTrial) -> float:
         fitted = refit(rival)
-        tried = penalised_gain(own) - penalised_gain(rival)
-        anew = refitted_gain(beside, own) - refitted_gain(fitted, rival)
-        return min(tried, anew) + held_out(beside) - held_out(fitted)
+        penalty = bic_penalty(own) - bic_penalty(rival)
+        anew = log_likelihood(beside) - log_likelihood(fitted)
+        unseen = held_out(beside) - held_out(fitted)
+        tried = float((own.unseen_gains - rival.unseen_gains)[where].sum())
+        in_all = min(own.gain - rival.gain, float(anew.sum())) + float(unseen.sum())
+        there = min(tried, float(anew[where].sum())) + float(unseen[where].sum())
+        return max(in_all, there) - penalty
 
     return lead
-
-
-def refitted_gain(refitted: ModelFit, trial: CandidateTrial) -> float:
-    """Penalised log-likelihood of the model with a candidate, everything fitted anew [nats]."""
-    return _log_likelihood(refitted) - bic_penalty(trial)
 
 
 def refit(trial: CandidateTrial) -> ModelFit:
@@ -200,10 +202,10 @@ def refit(trial: CandidateTrial) -> ModelFit:
     return ModelFit(model_fit.design, model_fit.folds, [*model_fit.model, trial.term])
 
 
-def _log_likelihood(model_fit: ModelFit) -> float:
-    """Of the fitted recordings as they are predicted without their fold, each group's level profiled out [nats]."""
+def log_likelihood(model_fit: ModelFit) -> Array:
+    """(groups,) of the fitted recordings as they are predicted without their fold, each level profiled out [nats]."""
     left = np.sum([[float(x @ x) for x in parts] for parts in model_fit.unseen.values()], axis=0)
-    return float(-0.5 * np.sum(model_fit.counts * np.log(np.maximum(left, 1e-9))))
+    return np.asarray(-0.5 * model_fit.counts * np.log(np.maximum(left, 1e-9)))
 
 
 def _alone(rival: CandidateTrial, own: CandidateTrial) -> bool:
