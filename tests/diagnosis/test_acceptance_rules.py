@@ -52,7 +52,7 @@ def trial(
         "reach_on": lambda chosen: reach, "advantage": lambda rival: 0.0,
     }  # fmt: skip
     known_numbers = {**good, **numbers}
-    gains = np.array([known_numbers["gain"], 0.0, 0.0])
+    gains = np.array([known_numbers["gain"], 0.0])
     return SimpleNamespace(term=term, model_fit=model_fit, reach=reach, unseen_gains=gains, **known_numbers)
 
 
@@ -217,7 +217,7 @@ def compared(
     own: SimpleNamespace | None = None,
     ahead: float = 0.0,
     decided: float = rivalry.DECIDED,
-    held_out: Callable[[object], np.ndarray] = lambda fit: np.zeros(1),
+    held_out: Callable[[object], np.ndarray] = lambda fit: np.zeros(2),
 ) -> bool:
     own = trial(advantage=lambda _: ahead) if own is None else own
 
@@ -253,7 +253,9 @@ def test_a_rival_is_judged_by_the_evidence_of_both_fits_whatever_power_it_explai
     assert judged is (equal or (reach > 0.0 and ahead < 15.0))
     # The held-out recordings count as the fitted ones do.
     for lead in (-9.0, 9.0):
-        seen = compared(rival, own, held_out=lambda fit, lead=lead: np.array([lead * (fit is fits[id(own)])]))
+        seen = compared(
+            rival, own, held_out=lambda fit, lead=lead: np.array([lead * (fit is fits[id(own)]), 0.0])
+        )
         assert seen is (reach > 0.0 and min(behind, refitted) + lead < rivalry.DECIDED)
 
 
@@ -268,12 +270,12 @@ def test_a_delay_is_told_from_a_lag_by_its_gain_and_its_errors(behind, sigma, eq
 def test_what_a_rival_gains_elsewhere_does_not_make_it_equal(monkeypatch) -> None:
     """A clock that drifts shows in all velocities; a joint's friction it explains but for 60 nats."""
     own, clock = trial("coulomb_friction"), trial("clock_drift", groups=(0, 1), gain=2000.0)
-    clock.unseen_gains = np.array([240.0, 1760.0, 0.0])
+    clock.unseen_gains = np.array([240.0, 1760.0])
     fits = {id(own): left(1.0, 5.0), id(clock): left(np.exp(60.0 / 500.0), 1.0)}
     monkeypatch.setattr(rivalry, "refit", lambda one: fits[id(one)])
     assert not compared(clock, own)
     # What explains the joint as well is as good, whatever else it explains.
-    clock.unseen_gains = np.array([299.0, 1760.0, 0.0])
+    clock.unseen_gains = np.array([299.0, 1760.0])
     fits[id(clock)] = left(1.0, 1.0)
     assert compared(clock, own)
 

@@ -174,24 +174,25 @@ def lead_of(own: CandidateTrial, beside: ModelFit, held_out: Likelihood) -> Lead
     torque, would seem ahead by what the nuisance explains as soon as the gap is closed. So a cause leads by what it is
     ahead in the trial and once everything is fitted beside each of the two, whichever is less. The held-out recordings
     count as they are predicted by the latter: on a small part of a joint's range a ripple is a spring, beyond it not.
-    A rival may gain more elsewhere, by what is wrong there: a cause leads, too, by what it is ahead where it acts.
+    What a rival gains more where the cause does not act does not count: it may be right there, and wrong here.
 
     Args:
         own: The cause.
         beside: The model with it, everything fitted anew.
         held_out: Log-likelihood of the held-out recordings.
     """
-    where = list(own.term.groups)
+
+    def here(ahead: Array, total: float) -> float:
+        """A lead in all groups less what the rival gains more elsewhere."""
+        return total + max(0.0, -float(np.delete(ahead, own.term.groups).sum()))
 
     def lead(rival: CandidateTrial) -> float:
         fitted = refit(rival)
-        penalty = bic_penalty(own) - bic_penalty(rival)
+        tried = here(own.unseen_gains - rival.unseen_gains, own.gain - rival.gain)
         anew = log_likelihood(beside) - log_likelihood(fitted)
         unseen = held_out(beside) - held_out(fitted)
-        tried = float((own.unseen_gains - rival.unseen_gains)[where].sum())
-        in_all = min(own.gain - rival.gain, float(anew.sum())) + float(unseen.sum())
-        there = min(tried, float(anew[where].sum())) + float(unseen[where].sum())
-        return max(in_all, there) - penalty
+        ahead = min(tried, here(anew, float(anew.sum()))) + here(unseen, float(unseen.sum()))
+        return ahead - (bic_penalty(own) - bic_penalty(rival))
 
     return lead
 
