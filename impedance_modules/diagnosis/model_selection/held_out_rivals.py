@@ -2,8 +2,8 @@
 """Causes that fail on the held-out recordings, where a rival that fitted the others as well does not.
 
 On a small part of a joint's range a ripple, a spring and an offset are one thing; the held-out recording may go
-beyond it. Where a cause leaves more than noise of it, a rival takes its place that leaves no more, and is likelier by
-all recordings together (`rivals.lead_of`).
+beyond it. Where a cause leaves more than noise of it, a rival takes its place that is likelier by all recordings
+together (`rivals.lead_of`).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from impedance_modules.diagnosis.model_selection.candidate_trial import try_term
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.model_selection.forward_selection import LACKING
 from impedance_modules.diagnosis.model_selection.rivals import ASKED, DECIDED, lead_of, refit
-from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm
+from impedance_modules.diagnosis.regression.model_fit import ModelTerm
 from impedance_modules.diagnosis.regression.parameter_estimates import correlation_surplus
 
 
@@ -29,21 +29,21 @@ def with_rivals_that_hold(evidence: Evidence) -> tuple[Evidence, tuple[str, ...]
     """
     notes: list[str] = []
     for term in evidence.model_fit.model:
-        rival = None if _holds(evidence, evidence.model_fit, term) else _likelier(evidence, term)
+        rival = _likelier(evidence, term) if _fails(evidence, term) else None
         if rival is None:
             continue
         model = [rival if other is term else other for other in evidence.model_fit.model]
         evidence = replace(evidence, model_fit=evidence.selector.model_fit(model))
         notes.append(
-            f"not named: {term.candidate.name}: it fails on the held-out recordings, where {rival.candidate.name}"
-            " holds"
+            f"not named: {term.candidate.name}: it fails on the held-out recordings, and by all together"
+            f" {rival.candidate.name} is likelier"
         )
     return evidence, tuple(notes)
 
 
-def _holds(evidence: Evidence, fit: ModelFit, term: ModelTerm) -> bool:
-    """Whether a model leaves no more than noise of the held-out recordings where a term acts."""
-    return bool(np.all(evidence.whitened_power(fit)[list(term.groups)] <= LACKING))
+def _fails(evidence: Evidence, term: ModelTerm) -> bool:
+    """Whether the model leaves more than noise of the held-out recordings where a term acts."""
+    return bool(np.any(evidence.whitened_power(evidence.model_fit)[list(term.groups)] > LACKING))
 
 
 def _likelier(evidence: Evidence, term: ModelTerm) -> ModelTerm | None:
@@ -55,9 +55,7 @@ def _likelier(evidence: Evidence, term: ModelTerm) -> ModelTerm | None:
     rivals = [
         trial
         for trial in selector.refined(rest, [selector.trial(rest, entry.layout) for entry in entries])
-        if trial.term.key != term.key
-        and selector.rejection_reason(trial) is None
-        and _holds(evidence, refit(trial), term)
+        if trial.term.key != term.key and selector.rejection_reason(trial) is None
     ]
     beside = refit(own)
     lead = lead_of(own, beside, evidence.held_out_likelihood)
