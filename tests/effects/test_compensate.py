@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from impedance_modules.effects.catalogue import CATALOGUE
@@ -113,9 +113,13 @@ FRICTIONS = {
 
 
 @given(name=st.sampled_from(list(FRICTIONS)), seed=st.integers(0, 2**32 - 1))
+@example(name="asymmetric_friction", seed=1168831089)
 @settings(max_examples=60, deadline=None)
 def test_friction_is_overcome_by_no_more_than_any_friction_of_the_interval(name: str, seed: int) -> None:
-    """The table lies below the law at every number within 1.96 standard deviations, and on it without any."""
+    """The table lies below the law at every number within 1.96 standard deviations, and on it without any.
+
+    Some of these numbers are no friction: an asymmetry beyond the level would push. There nothing is overcome.
+    """
     random, law = np.random.default_rng(seed), CATALOGUE[name]
     assert isinstance(law, JointLaw)
     middle = {symbol: float(random.uniform(*ends)) for symbol, ends in FRICTIONS[name].items()}
@@ -131,7 +135,7 @@ def test_friction_is_overcome_by_no_more_than_any_friction_of_the_interval(name:
     v = speeds(compensated(with_std(name, exact)).model.joints[j].velocity_max)
     v[0] = 1e-9
     for table, exact_table, sign in ((sure.ahead, known.ahead, 1.0), (sure.back, known.back, -1.0)):
-        assert np.all(table[j] <= sign * consumed(law, sign * v, drawn | shape) + 1e-9)
+        assert np.all(table[j] <= np.maximum(sign * consumed(law, sign * v, drawn | shape), 0.0) + 1e-9)
         np.testing.assert_allclose(
             exact_table[j], sign * consumed(law, sign * v, middle | shape), rtol=1e-6, atol=1e-9
         )
