@@ -26,6 +26,7 @@ from typing import Any
 from benchmarks.blind.run import ask_waiting
 from benchmarks.wide.rules import RULES, Rule
 from benchmarks.wide.run import CASES, Selection, names_of, run_case
+from benchmarks.wide.thresholds import set_everywhere
 
 DIAGNOSIS = "impedance_modules.diagnosis"
 WITH_ALL = "all"
@@ -55,19 +56,7 @@ class Place:
 
     def set(self, value: Any) -> list[tuple[Any, Any]]:
         """Sets it, also in modules that took it from where it is defined; returns what to set back."""
-        before = getattr(self.holder, self.name)
-        holders = [self.holder]
-        if isinstance(self.holder, ModuleType) and callable(before):
-            holders += [
-                module
-                for name, module in list(sys.modules.items())
-                if name.startswith("impedance_modules")
-                and module is not self.holder
-                and getattr(module, self.name, None) is before
-            ]
-        for holder in holders:
-            setattr(holder, self.name, value)
-        return [(holder, before) for holder in holders]
+        return set_everywhere(self.holder, self.name, value)
 
     def restore(self, taken: Sequence[tuple[Any, Any]]) -> None:
         """Sets back what `set` returned."""

@@ -29,7 +29,7 @@ def ablation_table(folders: Mapping[Path, Path], rules: Sequence[Rule] = RULES) 
     """
     every = [case for out, answers in folders.items() for case in judge(out, answers / WITH_ALL)]
     if not every:
-        raise ValueError("no answers with all rules (valid: `ablate` with --watch first)")
+        raise ValueError("no case was asked (valid: folders that `generate` made, blocks that they have)")
     figures = [figure for figure in SHOWN if any(figure.counts(case) for case in every)]
     rows = [
         "| left out | what it does | mattered in | " + " | ".join(figure.title for figure in figures) + " |",

@@ -12,7 +12,10 @@ import importlib
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
 DIAGNOSIS = ROOT / "impedance_modules" / "diagnosis"
@@ -113,14 +116,37 @@ def change(words: Sequence[str]) -> None:
     Raises:
         ValueError: As `changes_of`.
     """
-    own = {(item.module, item.name) for item in thresholds()}
     for item, value in changes_of(words).items():
         module = importlib.import_module(item.module)
-        before = getattr(module, item.name)
-        for name, other in list(sys.modules.items()):
-            took = name.startswith("impedance_modules") and (name, item.name) not in own
-            if other is module or (took and getattr(other, item.name, None) is before):
-                setattr(other, item.name, type(before)(value))
+        set_everywhere(module, item.name, type(getattr(module, item.name))(value))
+
+
+def set_everywhere(holder: Any, name: str, value: Any) -> list[tuple[Any, Any]]:
+    """Sets a name of a module or class, also in modules that took it from where it is defined.
+
+    Returns:
+        Each of them with what it had before.
+    """
+    before = getattr(holder, name)
+    own = _modules_with(name)
+    took = [
+        module
+        for place, module in list(sys.modules.items())
+        if place.startswith("impedance_modules")
+        and place not in own
+        and module is not holder
+        and getattr(module, name, None) is before
+    ]
+    holders = [holder, *took] if isinstance(holder, ModuleType) else [holder]
+    for one in holders:
+        setattr(one, name, value)
+    return [(one, before) for one in holders]
+
+
+@cache
+def _modules_with(name: str) -> frozenset[str]:
+    """Modules that define a number of a name themselves: another's of that name is none of theirs."""
+    return frozenset(item.module for item in thresholds() if item.name == name)
 
 
 def main() -> None:

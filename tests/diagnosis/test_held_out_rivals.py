@@ -9,7 +9,7 @@ import pytest
 
 from impedance_modules.diagnosis.model_selection import held_out_rivals
 from impedance_modules.diagnosis.model_selection.forward_selection import LACKING
-from impedance_modules.diagnosis.model_selection.held_out_rivals import with_rivals_that_hold
+from impedance_modules.diagnosis.model_selection.held_out_rivals import with_likelier_rivals
 from impedance_modules.diagnosis.model_selection.rivals import DECIDED
 
 
@@ -62,7 +62,7 @@ def exchanged(
         refined=lambda fit, trials: trials,
         rejection_reason=lambda one: "no" if one.term.key[0] == refused else None,
     )
-    found, notes = with_rivals_that_hold(Evidence(selector, SimpleNamespace(model=model), left))
+    found, notes = with_likelier_rivals(Evidence(selector, SimpleNamespace(model=model), left))
     return [one.key[0] for one in found.model_fit.model], notes
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Causes that fail on the held-out recordings, where a rival that fitted the others as well does not.
+"""Causes that fail on the held-out recordings, and rivals that are likelier by all recordings together.
 
 On a small part of a joint's range a ripple, a spring and an offset are one thing; the held-out recording may go
 beyond it. Where a cause leaves more than noise of it, a rival takes its place that is likelier by all recordings
@@ -21,7 +21,7 @@ from impedance_modules.diagnosis.regression.model_fit import ModelTerm
 from impedance_modules.diagnosis.regression.parameter_estimates import correlation_surplus
 
 
-def with_rivals_that_hold(evidence: Evidence) -> tuple[Evidence, tuple[str, ...]]:
+def with_likelier_rivals(evidence: Evidence) -> tuple[Evidence, tuple[str, ...]]:
     """Exchanges causes that fail on the held-out recordings for rivals that are likelier on all.
 
     Returns:
@@ -59,6 +59,6 @@ def _likelier(evidence: Evidence, term: ModelTerm) -> ModelTerm | None:
     ]
     beside = refit(own)
     lead = lead_of(own, beside, evidence.held_out_likelihood)
-    best = min(rivals, key=lead, default=None)
+    ahead, best = min(((lead(rival), i) for i, rival in enumerate(rivals)), default=(0.0, 0))
     needed = DECIDED * correlation_surplus(beside, term.groups)
-    return best.term if best is not None and lead(best) < -needed else None
+    return rivals[best].term if ahead < -needed else None

@@ -11,7 +11,7 @@ from impedance_modules.diagnosis.data.nominal_model import NominalModel
 from impedance_modules.diagnosis.model_selection.cause_search import CandidateKey, Progress, search_causes
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.model_selection.external_pushes import push_notes
-from impedance_modules.diagnosis.model_selection.held_out_rivals import with_rivals_that_hold
+from impedance_modules.diagnosis.model_selection.held_out_rivals import with_likelier_rivals
 from impedance_modules.diagnosis.model_selection.naming import (
     SHARE_THAT_MATTERS,
     rejection,
@@ -69,7 +69,7 @@ class RepeatedSearch:
         self._progress("evaluating candidates")
         evidence = self._search(refused=self._refused)
         evidence, unneeded = without_unconfirmed(evidence)
-        evidence, exchanged = with_rivals_that_hold(evidence)
+        evidence, exchanged = with_likelier_rivals(evidence)
         evidence, weightless = without_weightless(evidence)
         evidence, negligible = without_negligible(evidence)
         pushed = push_notes(evidence.pushes, self._prepared)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -181,6 +182,7 @@ def lead_of(own: CandidateTrial, beside: ModelFit, held_out: Likelihood) -> Lead
         beside: The model with it, everything fitted anew.
         held_out: Log-likelihood of the held-out recordings.
     """
+    mine = cache(lambda: (log_likelihood(beside), held_out(beside)))
 
     def here(ahead: Array, total: float) -> float:
         """A lead in all groups less what the rival gains more elsewhere."""
@@ -189,8 +191,9 @@ def lead_of(own: CandidateTrial, beside: ModelFit, held_out: Likelihood) -> Lead
     def lead(rival: CandidateTrial) -> float:
         fitted = refit(rival)
         tried = here(own.unseen_gains - rival.unseen_gains, own.gain - rival.gain)
-        anew = log_likelihood(beside) - log_likelihood(fitted)
-        unseen = held_out(beside) - held_out(fitted)
+        anew, unseen = (
+            one - its for one, its in zip(mine(), (log_likelihood(fitted), held_out(fitted)), strict=True)
+        )
         ahead = min(tried, here(anew, float(anew.sum()))) + here(unseen, float(unseen.sum()))
         return ahead - (bic_penalty(own) - bic_penalty(rival))
 
