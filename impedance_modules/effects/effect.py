@@ -16,7 +16,7 @@ asks for an effect by its id. A new effect is a subclass and a line in `catalogu
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import ClassVar, Literal
 
@@ -177,8 +177,18 @@ class Effect(ABC):
 
     def regressor(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """Computes the columns in one residual; None where the effect cannot show or is not recorded."""
-        found = self.in_residual(site, residual, shape) if self.shows(site.port, residual) else None
-        if found is None or not self.bends_springs(site.port) or not COVERS[residual] >= {"actuator", "link"}:
+        if not self.shows(site.port, residual):
+            return None
+        found = self.in_residual(site, residual, shape)
+        return None if found is None else self.felt(found, site, residual)
+
+    def regressors(self, site: Site, residual: Residual, shapes: Sequence[Shape]) -> list[Regressor | None]:
+        """Computes the columns of several shapes, one by one unless an effect can do better."""
+        return [self.regressor(site, residual, shape) for shape in shapes]
+
+    def felt(self, found: Regressor, site: Site, residual: Residual) -> Regressor:
+        """What a torque costs where a residual measures it: one of the links goes through springs to the motors."""
+        if not self.bends_springs(site.port) or not COVERS[residual] >= {"actuator", "link"}:
             return found
         whole = np.concatenate([found.columns, found.fixed[:, :, None]], axis=2)
         felt = site.signals.through_springs(whole, found.rows, of_accelerations=self.of_accelerations)
@@ -283,11 +293,15 @@ class JointLaw(Effect):
             raise TypeError(f"{cls.__qualname__} has no law (valid: a compiled 'law', or a method 'basis')")
 
     def basis(self, sample: JointSample, shape: Shape) -> Array:
-        """Computes what the consumed torque is linear in, (..., p); unless said otherwise by ``law``."""
-        columns = np.empty((*sample.velocity.shape, self.terms))
+        """Computes what the consumed torque is linear in, (..., p); unless said otherwise by ``law``.
+
+        Shapes of several values, (S, 1), are evaluated together over a recording (N,), to (S, N, p).
+        """
+        numbers = [shape[name] for name in self.shape]
+        columns = np.empty((self.terms, *np.broadcast_shapes(sample.velocity.shape, *map(np.shape, numbers))))
         if self.law is not None:
-            self.law.python(sample, [shape[name] for name in self.shape], np.moveaxis(columns, -1, 0))
-        return columns
+            self.law.python(sample, numbers, columns)
+        return np.moveaxis(columns, 0, -1)
 
     def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """Evaluates the law over a recording."""

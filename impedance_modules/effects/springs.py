@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -228,6 +228,16 @@ class TorqueRipple(JointLaw):
         spacing = 4.0 / site.travel
         orders = np.arange(0.75 * spacing, np.pi / jump, spacing)[:MOST_ORDERS]
         return tuple({"N": float(order)} for order in orders)
+
+    def regressors(self, site: Site, residual: Residual, shapes: Sequence[Shape]) -> list[Regressor | None]:
+        """Evaluates all orders together: there are hundreds."""
+        if not shapes or not self.shows(site.port, residual):
+            return [None] * len(shapes)
+        orders = np.array([[shape["N"]] for shape in shapes])
+        return [
+            self.felt(one_row(site.joint, columns, lower=self.lower), site, residual)
+            for columns in self.basis(site.sample(), {"N": orders})
+        ]
 
 
 class BenchSpring(JointLaw):

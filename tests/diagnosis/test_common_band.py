@@ -39,6 +39,25 @@ def test_recordings_by_different_clocks_keep_the_same_samples(rate, drifts):
     assert min(kept) >= 2.4 * common.cutoff
 
 
+@settings(max_examples=40, deadline=None)
+@given(
+    st.sampled_from([50.0, 100.0, 199.7, 500.0]),
+    st.sampled_from([3.0, 7.7, 20.0]),
+    st.integers(0, 999),
+    st.sampled_from([np.float32, np.float64]),
+)
+def test_kept_samples_are_those_of_the_whole_filtered_recording(rate, cutoff, seed, kind):
+    """Filtered at every sample by another library routine, then every `step`-th; and alone as beside others."""
+    common = CommonBand.of(rate, min(cutoff, rate / 5.0))
+    band = common.at(rate / common.thinning)
+    values = np.random.default_rng(seed).normal(size=(2 * band.margin + 1 + 7 * band.step + seed % 50, 3))
+    found = band.condense(values.astype(kind))
+    whole = np.array([np.convolve(one, band._taps, mode="valid") for one in values.T]).T
+    assert found.dtype == kind
+    assert found == pytest.approx(whole[:: band.step], abs=1e-5 if kind is np.float32 else 1e-12)
+    np.testing.assert_array_equal(band.condense(values[:, 1].astype(kind)), found[:, 1])
+
+
 def test_two_clocks_of_two_hundred_hertz():
     """Thinned apart, one keeps every fourth sample and the other every third."""
     apart = [int(rate / (2.5 * 20.0)) for rate in (200.0009, 199.9999)]

@@ -197,6 +197,30 @@ def test_every_shape_gives_columns_within_its_bounds_somewhere(effect: str) -> N
     assert seen
 
 
+@pytest.mark.parametrize("sensor", ["joint_sensor", "none"])
+@pytest.mark.parametrize("effect", list(CATALOGUE))
+def test_shapes_have_the_same_columns_together_and_one_by_one(effect: str, sensor: str) -> None:
+    s, one = recording(), CATALOGUE[effect]
+    if sensor == "none":  # then torques of links go through springs to the motors, too
+        s = replace(s, effort=None, effort_source="none")
+    for port in one.description.ports:
+        site = Site(s, key_of(effect), port)
+        shapes = one.shapes(site)[:5]
+        for residual in RESIDUALS:
+            together = one.regressors(site, residual, shapes)
+            assert len(together) == len(shapes)
+            for shape, found in zip(shapes, together, strict=True):
+                alone = one.regressor(site, residual, shape)
+                assert (found is None) == (alone is None)
+                if found is None or alone is None:
+                    continue
+                assert found.rows == alone.rows
+                np.testing.assert_array_equal(found.lower, alone.lower)
+                np.testing.assert_array_equal(found.upper, alone.upper)
+                np.testing.assert_allclose(found.columns, alone.columns, rtol=1e-12, atol=1e-12)
+                np.testing.assert_allclose(found.fixed, alone.fixed, rtol=1e-12, atol=1e-12)
+
+
 def test_a_link_side_sensor_sees_no_rotor_and_a_motor_sees_both_frictions() -> None:
     s = recording()
     rotor, rub = CATALOGUE["reflected_inertia"], CATALOGUE["coulomb_friction"]

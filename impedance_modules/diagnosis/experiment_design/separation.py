@@ -297,8 +297,8 @@ class _Rows:
     def _columns(self, hypothesis: Hypothesis, port: Port) -> Iterator[Array]:
         effect = CATALOGUE[hypothesis.effect]
         candidate = Candidate(effect, port, hypothesis.key, ())
-        for shape in effect.shapes(candidate.site(self._signals)):
-            found = columns_of(candidate, shape, self._signals, self._residuals)
+        shapes = effect.shapes(candidate.site(self._signals))
+        for found in columns_of(candidate, shapes, self._signals, self._residuals):
             if found is not None:
                 width = next(iter(found.blocks.values())).shape[1]
                 yield self._stack({g: block[:: self._step] for g, block in found.blocks.items()}, width)

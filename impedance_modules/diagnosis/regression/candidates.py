@@ -12,6 +12,8 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import groupby
+from operator import itemgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +25,7 @@ from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.effects.effect import Effect
 from impedance_modules.effects.effect_description import KeyKind, Port
 from impedance_modules.effects.recorded_signals import Signals
-from impedance_modules.effects.regressor import PAIR, Site
+from impedance_modules.effects.regressor import PAIR, Regressor, Site
 from impedance_modules.effects.residual_kinds import Residual
 from impedance_modules.worker_processes import OrderedMap, map_here
 
@@ -155,17 +157,27 @@ class Columns:
 
 
 def columns_of(
-    candidate: Candidate, shape: Mapping[str, float], signals: Signals, residuals: Sequence[Residual]
-) -> Columns | None:
-    """Evaluates a shape on a recording; None where it shows in no residual."""
-    each = {
-        residual: candidate.effect.regressor(candidate.site(signals), residual, shape)
-        for residual in residuals
-    }
+    candidate: Candidate,
+    shapes: Sequence[Mapping[str, float]],
+    signals: Signals,
+    residuals: Sequence[Residual],
+) -> Iterator[Columns | None]:
+    """Evaluates shapes of a candidate on a recording; None for one that shows in no residual."""
+    site = candidate.site(signals)
+    together = max(1, WAITING // (4 * len(signals.time)))
+    for start in range(0, len(shapes), together):
+        some = shapes[start : start + together]
+        each = [candidate.effect.regressors(site, residual, some) for residual in residuals]
+        for shown in zip(*each, strict=True):
+            yield _side_by_side(dict(zip(residuals, shown, strict=True)))
+
+
+def _side_by_side(each: Mapping[Residual, Regressor | None]) -> Columns | None:
+    """Puts the parts without a coefficient beside the columns of one shape, where there are any."""
     shown = {residual: found for residual, found in each.items() if found is not None}
     if not shown:
         return None
-    fixed = any(bool(np.any(found.fixed)) for found in shown.values())
+    fixed = any(bool(found.fixed.any()) for found in shown.values())
     blocks: dict[Group, Array] = {}
     for residual, found in shown.items():
         bounds = found.lower, found.upper
@@ -241,16 +253,23 @@ class BatchFilter:
         if self._size > WAITING:
             self.flush()
 
+    def thinned(self, found: Columns) -> ThinnedColumns:
+        """Takes the columns of a shape; their blocks are there after the next `flush`."""
+        into = ThinnedColumns({}, found.fixed, found.lower, found.upper)
+        for group, block in found.blocks.items():
+            self.add(into.blocks, group, block)
+        return into
+
     def flush(self) -> None:
         """Filters what waits."""
         if not self._waiting:
             return
         whole = np.concatenate([block for _, _, block in self._waiting], axis=1)
-        thinned: Thin = self._band.condense(whole)
+        # Each column in one piece, as one is that another process has sent: sums have the same order.
+        thinned: Thin = np.asfortranarray(self._band.condense(whole))
         first = 0
         for into, group, block in self._waiting:
-            # A block of its own, and laid out as one that another process has sent: sums have the same order.
-            into[group] = np.ascontiguousarray(thinned[:, first : first + block.shape[1]])
+            into[group] = thinned[:, first : first + block.shape[1]]
             first += block.shape[1]
         self._waiting, self._size = [], 0
 
@@ -291,15 +310,9 @@ def thinned_columns(
     out: list[ThinnedColumns | None] = []
     rigid = signals.model
     with rigid.remembering() if isinstance(rigid, BatchedRigidModel) else nullcontext():
-        for candidate, shape in shaped:
-            found = columns_of(candidate, shape, signals, residuals)
-            if found is None:
-                out.append(None)
-                continue
-            thinned = ThinnedColumns({}, found.fixed, found.lower, found.upper)
-            for group, block in found.blocks.items():
-                batch.add(thinned.blocks, group, block)
-            out.append(thinned)
+        for candidate, shapes in groupby(shaped, key=itemgetter(0)):
+            for found in columns_of(candidate, [shape for _, shape in shapes], signals, residuals):
+                out.append(None if found is None else batch.thinned(found))
     batch.flush()
     return out
 

@@ -10,14 +10,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from typing import TypeVar
 
 import numpy as np
 from numpy.polynomial.polynomial import polyfit
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
-from scipy.signal import butter, firwin, kaiser_beta, oaconvolve, sosfiltfilt, upfirdn
+from scipy.signal import butter, firwin, kaiser_beta, oaconvolve, sosfiltfilt
+from scipy.sparse import csr_array
 
 from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.log import Log
@@ -65,8 +66,8 @@ CLOCK_ERROR = 1.0 + 1e-3
 HALF_LENGTH = 2.6
 """Half the filter's length, in periods of the end of the band; this much is cut off at both ends."""
 
-CHUNK_SIZE = 4_000_000
-"""Values that are filtered at once, to limit memory."""
+LENGTHS_KEPT = 64
+"""Lengths of recordings whose filter is kept as a matrix."""
 
 
 @dataclass(frozen=True)
@@ -148,18 +149,25 @@ class Band:
     def condense(self, values: NDArray[Real]) -> NDArray[Real]:
         """Filters samples along the first axis, cuts the margins off and keeps every `step`-th."""
         flat = values.reshape(len(values), -1)
-        out = np.empty((self.kept(len(values)), flat.shape[1]), dtype=values.dtype)
-        taps, first = self._taps.astype(values.dtype), 2 * self.margin // self.step
-        width = max(1, CHUNK_SIZE // len(values))
-        for start in range(0, flat.shape[1], width):
-            part = np.ascontiguousarray(flat[:, start : start + width].T)
-            slow = upfirdn(taps, part, 1, self.step, axis=1)
-            out[:, start : start + width] = slow[:, first : first + len(out)].T
+        out: NDArray[Real] = _decimating(self, len(values), values.dtype.char) @ flat
         return out.reshape(len(out), *values.shape[1:])
 
     def pick(self, values: Array) -> Array:
         """Keeps the samples that `condense` keeps, unfiltered."""
         return values[self.margin : len(values) - self.margin : self.step][: self.kept(len(values))]
+
+
+@lru_cache(LENGTHS_KEPT)
+def _decimating(band: Band, samples: int, kind: str) -> csr_array:
+    """(kept, samples) the filter of a band as a sparse matrix, a row for each sample that is kept.
+
+    A column's result is the same to the last bit beside any others, as a product of dense matrices would not promise.
+    """
+    taps = band._taps.astype(kind)
+    kept, width = band.kept(samples), len(taps)
+    first = band.step * np.arange(kept)
+    columns = (first[:, None] + np.arange(width)).ravel()
+    return csr_array((np.tile(taps, kept), columns, width * np.arange(kept + 1)), shape=(kept, samples))
 
 
 def choose_band(logs: Sequence[Log]) -> CommonBand:
