@@ -140,13 +140,16 @@ def calibrate(out: tuple[Path, ...], answers: Path | None, write: bool, diagram:
     "--answers", type=click.Path(path_type=Path), required=True, help="Kept here, in a folder for each OUT."
 )
 @click.option("--block", "blocks", multiple=True, type=click.Choice(BLOCKS), help="All when left out.")
-@click.option("--rule", "names", multiple=True, metavar="NAME", help="All of the table when left out.")
+@click.option("--rule", "names", multiple=True, metavar="NAME[,NAME]", help="All, one by one, when left out.")
 @click.option("--jobs", type=click.IntRange(1), default=1, show_default=True)
 def ablate(
     out: tuple[Path, ...], answers: Path, blocks: tuple[str, ...], names: tuple[str, ...], jobs: int
 ) -> None:
-    """Asks the cases with all rules and without each one that mattered there; prints what changes."""
-    from benchmarks.wide.ablation import ask_without, watch_all
+    """Asks the cases with all rules and without each one that mattered there; prints what changes.
+
+    Rules joined by commas are left out at once.
+    """
+    from benchmarks.wide.ablation import ask_all, ask_without, watch_all
     from benchmarks.wide.ablation_table import ablation_table
     from benchmarks.wide.rules import rules_named
 
@@ -157,7 +160,8 @@ def ablate(
     try:
         rules = rules_named(names)
         for one, kept in folders.items():
-            watch_all(one, kept, blocks, jobs, tell)
+            watched = any(len(left.rules) == 1 for left in rules)
+            (watch_all if watched else ask_all)(one, kept, blocks, jobs, tell)
             ask_without(rules, one, kept, blocks, jobs, tell)
         click.echo(ablation_table(folders, rules), nl=False)
     except ValueError as error:

@@ -4,10 +4,11 @@
 `watch_all` asks every case once with all rules. Each function whose result a rule can change is evaluated a second
 time without the rule, and the rules whose result differed are written beside the answer. `ask_without` asks each such
 case again without that rule; where a rule changed nothing on the way, the answer without it is the answer with it.
-Both go on where they were stopped. Each diagnosis runs in a process of its own:
+Of several rules at once that does not hold (one may do what another did): every case is asked without them, and
+`ask_all` is enough before. All go on where they were stopped. Each diagnosis runs in a process of its own:
 
     python -m benchmarks.wide.ablation watch FILE -- WORDS     `impedance WORDS`, rules that mattered written to FILE
-    python -m benchmarks.wide.ablation without RULE -- WORDS   `impedance WORDS` without a rule
+    python -m benchmarks.wide.ablation without RULE -- WORDS   `impedance WORDS` without a rule, or RULE,RULE
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import importlib
 import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import wraps
 from pathlib import Path
@@ -24,11 +25,12 @@ from types import ModuleType
 from typing import Any
 
 from benchmarks.blind.run import ask_waiting
-from benchmarks.wide.rules import RULES, Rule
+from benchmarks.wide.rules import RULES, LeftOut, Rule, rules_named
 from benchmarks.wide.run import CASES, Selection, names_of, run_case
 from benchmarks.wide.thresholds import set_everywhere
 
 DIAGNOSIS = "impedance_modules.diagnosis"
+PROGRAM = "benchmarks.wide.ablation"
 WITH_ALL = "all"
 MATTERED = ".rules.json"
 PARTS = ("term", "model", "model_fit", "words", "effect", "equal", "equivalent", "verdict", "causes")
@@ -153,21 +155,40 @@ def watch_all(
     out: Path, answers: Path, blocks: Sequence[str], jobs: int, tell: Callable[[str], None]
 ) -> None:
     """Asks every case of some blocks once with all rules, and writes which of them mattered."""
-    _ask(out, answers / WITH_ALL, names_of(out, blocks), None, jobs, tell)
+
+    def watching(answer: Path) -> list[str]:
+        return [PROGRAM, "watch", str(answer.with_suffix(MATTERED)), "--"]
+
+    _ask(out, answers / WITH_ALL, names_of(out, blocks), watching, jobs, tell)
+
+
+def ask_all(out: Path, answers: Path, blocks: Sequence[str], jobs: int, tell: Callable[[str], None]) -> None:
+    """Asks every case of some blocks once with all rules."""
+    _ask(out, answers / WITH_ALL, names_of(out, blocks), lambda _: [], jobs, tell)
 
 
 def ask_without(
-    rules: Sequence[Rule],
+    groups: Sequence[LeftOut],
     out: Path,
     answers: Path,
     blocks: Sequence[str],
     jobs: int,
     tell: Callable[[str], None],
 ) -> None:
-    """Asks the cases in which a rule mattered again without it, one rule after the other."""
-    for rule in rules:
-        some = [name for name in names_of(out, blocks) if rule.name in mattered_in(answers / WITH_ALL, name)]
-        _ask(out, answers / rule.name, some, rule, jobs, lambda line, told=rule.name: tell(f"{told} {line}"))
+    """Asks the cases in which a rule mattered again without it, one rule after the other; of several, every case."""
+    for left in groups:
+        names = [name for name in names_of(out, blocks) if asked_without(left, answers, name)]
+        words = [PROGRAM, "without", left.name, "--"]
+        _ask(out, answers / left.name, names, lambda _, w=words: w, jobs, _named(tell, left.name))
+
+
+def _named(tell: Callable[[str], None], name: str) -> Callable[[str], None]:
+    return lambda line: tell(f"{name} {line}")
+
+
+def asked_without(left: LeftOut, answers: Path, name: str) -> bool:
+    """Whether a case has to be asked without some rules."""
+    return len(left.rules) > 1 or left.name in mattered_in(answers / WITH_ALL, name)
 
 
 def mattered_in(folder: Path, name: str) -> list[str]:
@@ -180,17 +201,16 @@ def _ask(
     out: Path,
     folder: Path,
     names: Sequence[str],
-    rule: Rule | None,
+    program: Callable[[Path], Sequence[str]],
     jobs: int,
     tell: Callable[[str], None],
 ) -> None:
+    """Asks some cases; ``program`` says for the path of an answer what stands for ``impedance``."""
     folder.mkdir(parents=True, exist_ok=True)
 
     def one(name: str) -> str:
         answer = (folder / f"{name}.json").resolve()
-        how = ["watch", str(answer.with_suffix(MATTERED))] if rule is None else ["without", rule.name]
-        program = ["benchmarks.wide.ablation", *how, "--"]
-        record = run_case(out / CASES / name, Selection(timeout=TIME_LIMIT), answer, program)
+        record = run_case(out / CASES / name, Selection(timeout=TIME_LIMIT), answer, program(answer))
         (folder / f"{name}.run.json").write_text(json.dumps(record) + "\n")
         return f"{name} exit {record['exit']} {record['processor_seconds']:.1f} s"
 
@@ -206,8 +226,9 @@ def main() -> None:
 
     importlib.import_module(f"{DIAGNOSIS}.diagnose")
     if how == "without":
-        (rule,) = (one for one in RULES if one.name == what)
-        with left_out(rule):
+        with ExitStack() as stack:
+            for rule in rules_named([what])[0].rules:
+                stack.enter_context(left_out(rule))
             impedance()
         return
     with watched(RULES) as mattered:

@@ -6,19 +6,19 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from benchmarks.wide.ablation import WITH_ALL, mattered_in
-from benchmarks.wide.rules import RULES, Rule
+from benchmarks.wide.ablation import WITH_ALL, asked_without
+from benchmarks.wide.rules import LeftOut, rules_named
 from benchmarks.wide.score import FIGURES, Cases, Figure, judge
 
 SHOWN = tuple(figure for figure in FIGURES if figure.blocks != "ABCDE")
 
 
-def ablation_table(folders: Mapping[Path, Path], rules: Sequence[Rule] = RULES) -> str:
+def ablation_table(folders: Mapping[Path, Path], groups: Sequence[LeftOut] | None = None) -> str:
     """Compares the answers without each rule with those with all.
 
     Args:
         folders: Cases -> answers that `ablation.watch_all` and `ablate` left.
-        rules: One row each.
+        groups: Rules that were left out, one row each; all of them one by one for None.
 
     Returns:
         A table in Markdown: with all rules the rates; without a rule the cases that become right and wrong in each
@@ -38,23 +38,24 @@ def ablation_table(folders: Mapping[Path, Path], rules: Sequence[Rule] = RULES) 
         + " | ".join(str(figure.rate(every)) for figure in figures)
         + " |",
     ]
-    return "\n".join([*rows, *(_row(rule, folders, figures) for rule in rules)]) + "\n"
+    shown = rules_named([]) if groups is None else groups
+    return "\n".join([*rows, *(_row(left, folders, figures) for left in shown)]) + "\n"
 
 
-def _row(rule: Rule, folders: Mapping[Path, Path], figures: Sequence[Figure]) -> str:
-    pairs = [pair for out, answers in folders.items() for pair in _asked_without(rule, out, answers)]
+def _row(left: LeftOut, folders: Mapping[Path, Path], figures: Sequence[Figure]) -> str:
+    pairs = [pair for out, answers in folders.items() for pair in _pairs(left, out, answers)]
     cells = [_changes(figure, pairs) for figure in figures]
-    return f"| {rule.name} | {rule.does} | {len(pairs)} | " + " | ".join(cells) + " |"
+    return f"| {left.name.replace(',', ', ')} | {left.does} | {len(pairs)} | " + " | ".join(cells) + " |"
 
 
-def _asked_without(rule: Rule, out: Path, answers: Path) -> Iterator[Cases]:
-    """A case with all rules and without one, where it mattered."""
-    without = {case.name: case for case in judge(out, answers / rule.name)}
+def _pairs(left: LeftOut, out: Path, answers: Path) -> Iterator[Cases]:
+    """A case with all rules and without some, where that may have made a difference."""
+    without = {case.name: case for case in judge(out, answers / left.name)}
     for case in judge(out, answers / WITH_ALL):
-        if rule.name not in mattered_in(answers / WITH_ALL, case.name):
+        if not asked_without(left, answers, case.name):
             continue
         if case.name not in without:
-            raise ValueError(f"{case.name} was not asked without {rule.name} (valid: `ablate` first)")
+            raise ValueError(f"{case.name} was not asked without {left.name} (valid: `ablate` first)")
         yield (case, without[case.name])
 
 

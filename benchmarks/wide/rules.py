@@ -249,14 +249,37 @@ VERDICT = (
 RULES = (*ACCEPTANCE, *ORDER, *SEARCH, *NAMING, *VERDICT)
 
 
-def rules_named(names: Sequence[str]) -> tuple[Rule, ...]:
-    """Returns the rules of some names, all of them for none.
+@dataclass(frozen=True)
+class LeftOut:
+    """Rules that are left out at once; mostly one.
+
+    Attributes:
+        rules: Which.
+    """
+
+    rules: tuple[Rule, ...]
+
+    @property
+    def name(self) -> str:
+        """Of the row, and of the folder of answers."""
+        return ",".join(rule.name for rule in self.rules)
+
+    @property
+    def does(self) -> str:
+        """What a table says of them."""
+        return self.rules[0].does if len(self.rules) == 1 else "all of these at once"
+
+
+def rules_named(names: Sequence[str]) -> tuple[LeftOut, ...]:
+    """Returns the rules of some names, all of them one by one for none; NAME,NAME are left out at once.
 
     Raises:
         ValueError: No rule has such a name.
     """
-    unknown = sorted(set(names) - {rule.name for rule in RULES})
+    known = {rule.name: rule for rule in RULES}
+    groups = [name.split(",") for name in names] or [[name] for name in known]
+    unknown = sorted({name for group in groups for name in group} - set(known))
     if unknown:
-        every = ", ".join(rule.name for rule in RULES)
+        every = ", ".join(known)
         raise ValueError(f"no rule has the name {', '.join(unknown)} (valid: {every})")
-    return tuple(rule for rule in RULES if not names or rule.name in names)
+    return tuple(LeftOut(tuple(known[name] for name in group)) for group in groups)

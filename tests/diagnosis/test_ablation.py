@@ -14,6 +14,7 @@ from click.testing import CliRunner
 
 from benchmarks.wide.__main__ import main
 from benchmarks.wide.ablation import MATTERED, WITH_ALL, Place, left_out, shown, watched
+from benchmarks.wide.ablation import main as run_program
 from benchmarks.wide.ablation_table import ablation_table
 from benchmarks.wide.rules import RULES, Rule, rules_named
 from impedance_modules.diagnosis.model_selection import conclusion, tolerance
@@ -60,7 +61,7 @@ def test_a_function_is_left_out_wherever_it_was_taken() -> None:
 @pytest.mark.parametrize(("weight", "mattered"), [(0.1, {"quarter"}), (0.9, set())])
 def test_a_rule_matters_where_the_verdict_differs_without_it(weight: float, mattered: set[str]) -> None:
     before = conclusion.verdict_of
-    with watched(rules_named(["quarter"])) as found:
+    with watched(rules_named(["quarter"])[0].rules) as found:
         assert conclusion.verdict_of([cause(weight)], PASSED, near=True) != ""
     assert found == mattered
     assert conclusion.verdict_of is before and conclusion.EXPLAINED_MIN > 0.0
@@ -121,6 +122,30 @@ def test_the_table_counts_what_becomes_right_and_wrong_without_a_rule(tmp_path: 
     assert cells["explained, by it alone (A)"] == "+1"
     assert "100.0 % (2/2" in every and "0.0 % (0/1" in every
     assert set(narrow.replace(" ", "").split("|")[4:-1]) == {"-"}
+
+
+def test_rules_left_out_at_once_are_asked_in_every_case(tmp_path: Path) -> None:
+    answers, both = watched_cases(tmp_path), rules_named(["harm,quarter"])
+    assert [rule.name for rule in both[0].rules] == ["harm", "quarter"]
+    with pytest.raises(ValueError, match="was not asked without harm,quarter"):
+        ablation_table({tmp_path: answers}, both)
+    for name, verdict in {"one": "no_gap", "two": "explained", "three": "unexplained"}.items():
+        write_answer(answers / "harm,quarter", name, verdict, [])
+    row = ablation_table({tmp_path: answers}, both).splitlines()[-1]
+    assert row.startswith("| harm, quarter | all of these at once | 3 | -1 |")
+
+
+def test_a_program_without_two_rules_has_neither(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = conclusion.EXPLAINED_MIN, conclusion.MINOR_PART
+    seen: list[tuple[float, float]] = []
+    monkeypatch.setattr(
+        "impedance_modules.cli.main.main",
+        lambda: seen.append((conclusion.EXPLAINED_MIN, conclusion.MINOR_PART)),
+    )
+    monkeypatch.setattr(sys, "argv", ["ablation", "without", "quarter,minor-rivals", "--", "diagnose"])
+    run_program()
+    assert seen == [(0.0, 0.0)]
+    assert before == (conclusion.EXPLAINED_MIN, conclusion.MINOR_PART) and 0.0 not in before
 
 
 def test_a_table_without_answers_is_refused(tmp_path: Path) -> None:
