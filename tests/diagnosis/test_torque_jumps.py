@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from impedance_modules.diagnosis.data.torque_jumps import FAST, JUMPS_MIN, jump_notes, jumps
+from impedance_modules.diagnosis.data.torque_jumps import FAST, JUMPS_MIN, jump_notes, jump_sizes, jumps
 
 SECONDS = 20.0
 
@@ -59,9 +59,10 @@ def test_a_torque_that_stands_still_on_its_grid_says_nothing() -> None:
 @pytest.mark.parametrize(("rate", "told"), [(100.0, True), (FAST, False), (1000.0, False)])
 def test_a_low_rate_is_told_with_the_recording_and_what_would_do(rate: float, told: bool) -> None:
     rng = np.random.default_rng(2)
-    calm = SimpleNamespace(name="calm", rate=rate, command=smooth(rate, rng), effort=None)
+    target = {"position_command": None, "samples": round(SECONDS * rate)}
+    calm = SimpleNamespace(name="calm", rate=rate, command=smooth(rate, rng), effort=None, **target)
     calm.command = calm.command + 0.01 * rng.standard_normal(calm.command.shape)
-    jumping = SimpleNamespace(name="held", rate=rate, command=None, effort=of_policy(rate, rng))
+    jumping = SimpleNamespace(name="held", rate=rate, command=None, effort=of_policy(rate, rng), **target)
     notes = jump_notes([calm, jumping])
     assert len(notes) == int(told)
     if told:
@@ -69,3 +70,22 @@ def test_a_low_rate_is_told_with_the_recording_and_what_would_do(rate: float, to
         assert "400 Hz" in notes[0] and "calm" not in notes[0]
         calm.rate = 50.0  # a slower one that does not jump changes nothing
         assert jump_notes([calm, jumping]) == notes
+        jumping.position_command = np.repeat(rng.normal(size=(400, 3)), round(0.05 * rate), axis=0)
+        assert jump_notes([calm, jumping]) == ()  # where the target is recorded it is known what jumps
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 10_000), st.sampled_from([100.0, 200.0, 240.0]))
+def test_jumps_without_a_recorded_target_are_where_it_was_renewed(seed: int, rate: float) -> None:
+    rng = np.random.default_rng(seed)
+    time = np.arange(0.0, SECONDS, 1.0 / rate)
+    torque = (
+        smooth(rate, rng)
+        + 8.0 * rng.standard_normal((400, 3)).repeat(round(0.05 * rate), axis=0)[: time.size]
+    )
+    log = SimpleNamespace(position_command=None, samples=time.size)
+    found = jump_sizes(log, torque)
+    renewed = np.arange(time.size) % round(0.05 * rate) == 0
+    largest = np.abs(found).argmax(axis=0)
+    assert np.abs(found[renewed]).sum() > 3.0 * np.abs(found[~renewed]).sum() and renewed[largest].all()
+    assert not jump_sizes(log, smooth(rate, rng)).any()

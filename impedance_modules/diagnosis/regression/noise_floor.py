@@ -19,6 +19,7 @@ from impedance_modules.diagnosis.regression.disturbed_moments import (
     fit_robustly,
     without_disturbed,
 )
+from impedance_modules.diagnosis.regression.jumped_torques import jump_noise
 from impedance_modules.diagnosis.regression.nuisance_columns import NuisanceColumns
 from impedance_modules.diagnosis.regression.sensor_noise import (
     LEAST,
@@ -95,6 +96,14 @@ def noise_by_repeats(
         [one + part for (one, _), part in zip(_with_rows(apart[g], shown[g]), parts, strict=True)]
         for g, parts in enumerate(unseen)
     ]
+    jumps = [
+        [
+            jump_noise(prepared[i], group, i)[: len(mask)][mask]
+            for i, mask in _with_rows([i for i, _ in pairs], masks)
+        ]
+        for masks, group in zip(shown, nuisance.groups, strict=True)
+    ]
+    noise = [_not_below(pieces, 0.0, made) for pieces, made in zip(noise, jumps, strict=True)]
     power = [float(np.mean(np.concatenate(x) ** 2)) for x in noise]
     assumed = [float(np.mean(np.concatenate(x) ** 2)) for x in unseen]
     own = sensor_powers(prepared, nuisance.groups)
@@ -121,7 +130,8 @@ def noise_by_smoothness(
 ) -> Whitening:
     """Judges the noise by what a flexible model leaves: smooth functions of a joint's motion, and the links'.
 
-    It is at least what the positions' own noise makes: functions of the acceleration hold that noise and hide it. Where
+    It is at least what the positions' own noise makes (functions of the acceleration hold that noise and hide it), and
+    what jumps of torques do. Where
     one joint was disturbed, windows of outlying power are no part of it on any joint.
 
     Args:
@@ -143,7 +153,11 @@ def noise_by_smoothness(
     noise, lost = [], []
     for group, one, rows in zip(nuisance.groups, fits, shown, strict=True):
         pieces, used = one.robust if disturbed else one.ordinary
-        noise.append(_not_below(pieces, used, [everywhere[r].of(group)[mask] for r, mask in rows.items()]))
+        made = [
+            everywhere[r].of(group)[mask] + jump_noise(prepared[r], group, r)[mask]
+            for r, mask in rows.items()
+        ]
+        noise.append(_not_below(pieces, used, made))
         lost.append(used)
     own = position_powers(everywhere, nuisance.groups) + sensor_powers(prepared, nuisance.groups)
     share = _noise_shares(noise, np.array(lost), own, [list(rows) for rows in shown])
@@ -217,7 +231,7 @@ def _difference(one: Array, other: Array, shown: Mask) -> Array:
 
 
 def _not_below(pieces: Sequence[Array], used: float, made: Sequence[Array]) -> list[Array]:
-    """Adds to pieces of noise what they lack of the positions' own."""
+    """Adds to pieces of noise what they lack of a noise that is known."""
     count = sum(map(len, pieces))
     grow = count / max(count - used, LEFT_MIN * count)
     seen = grow * sum(float(piece @ piece) for piece in pieces)

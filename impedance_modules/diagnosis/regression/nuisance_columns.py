@@ -5,7 +5,8 @@ r"""What every recording may be wrong by without that being a finding: small err
 - the instant in a period at which commands, efforts and velocities are stamped (\pm a fifth, a tenth, a quarter of a
   sample: a driver that differentiates backwards is half a sample late, an engine's half step is a part of it);
 - the age of the positions from which the robot computes the weight that it adds by itself (\pm 3 ms);
-- what the grid of a torque reading does to a torque of a few steps, once (\pm 1): it returns in every repeat.
+- what the grid of a torque reading does to a torque of a few steps, once (\pm 1): it returns in every repeat;
+- when, between two rows, a torque jumped (\pm half a row, of each joint): see `jumped_torques`.
 
 Every column is scaled to one standard deviation of its prior, so that the prior is a unit circle.
 """
@@ -20,6 +21,7 @@ import numpy as np
 from impedance_modules.arrays import Array, Indices
 from impedance_modules.diagnosis.regression.candidates import Group
 from impedance_modules.diagnosis.regression.cleaned_signals import stationary_joints
+from impedance_modules.diagnosis.regression.jumped_torques import jump_columns
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.effects.residual_kinds import EFFORT_SIGN
 
@@ -46,6 +48,9 @@ ASSISTANCE_PRIOR = 0.003
 
 WEIGHT_PRIOR = 0.03
 """Standard deviation of the weights that the robot compensates by itself, over their size."""
+
+JUMP_PRIOR = 0.5
+"""Standard deviation of when a torque jumped, in rows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,6 +180,15 @@ def _kinds(first: Prepared, prior: Array) -> tuple[_Kind, ...]:
                 EFFORT_SIGN[group[0]]
                 * GRID_PRIOR
                 * item.grid_nuisance[:, [group[1]]]
+                * (np.arange(item.signals.n) == group[1])
+            ),
+        ),
+        _Kind(
+            first.signals.n,
+            lambda group: group[0] != "velocity",
+            lambda item, group: (
+                JUMP_PRIOR
+                * jump_columns(item, group[0])[:, [group[1]]]
                 * (np.arange(item.signals.n) == group[1])
             ),
         ),

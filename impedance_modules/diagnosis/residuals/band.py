@@ -21,6 +21,7 @@ from scipy.signal import butter, firwin, kaiser_beta, oaconvolve, sosfiltfilt
 from scipy.sparse import csr_array
 
 from impedance_modules.arrays import Array
+from impedance_modules.diagnosis.data.held_targets import renewal_rate
 from impedance_modules.diagnosis.data.log import Log
 
 Real = TypeVar("Real", np.float32, np.float64)
@@ -177,9 +178,19 @@ def choose_band(logs: Sequence[Log]) -> CommonBand:
     ]
     known = [cutoff for cutoff in found if cutoff is not None]
     rate = min(log.rate for log in logs)
-    highest = min(BAND_MAX, rate / 5.0)
+    highest = min(BAND_MAX, rate / 5.0, _below_renewals(logs))
     cutoff = np.clip(np.median(known) if known else BAND_MIN, min(BAND_MIN, highest), highest)
     return CommonBand.of(rate, float(cutoff))
+
+
+def _below_renewals(logs: Sequence[Log]) -> float:
+    """End of a band without the frequency at which held targets are renewed, and its multiples [Hz]; else infinite.
+
+    There the arm jerks, and what a jerk does between two rows, or beyond what a spring's load may be differentiated, no
+    recording shows. Half of that frequency has little of it. Rare steps of a target are no frequency.
+    """
+    rates = [rate for rate in map(renewal_rate, logs) if rate >= 2.0 * BAND_MIN]
+    return 0.5 * min(rates, default=np.inf)
 
 
 def filter_length(cutoff: float) -> float:

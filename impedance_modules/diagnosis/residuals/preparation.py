@@ -26,6 +26,7 @@ from impedance_modules.diagnosis.data.rigid_dynamics import (
 )
 from impedance_modules.diagnosis.data.rigid_tree import RigidTree
 from impedance_modules.diagnosis.data.time_base import delayed
+from impedance_modules.diagnosis.data.torque_jumps import jump_sizes
 from impedance_modules.diagnosis.residuals.band import Band, CommonBand, above_noise, deflection_cutoffs
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.drive_effects import lagged
@@ -59,6 +60,7 @@ class Prepared:
         reading_nuisance: (M, n) change of the effort per second that its readings are early.
         assistance_nuisance: (M, n) change of what the robot adds by itself per second that its own reading is early.
         grid_nuisance: (M, n) what the grid of an effort would add to the torque asked for, or needed [N.m].
+        command_jumps, effort_jumps: (N, n) jumps of torques, whose instant between two rows is unknown [N.m].
         time, position, velocity, acceleration, load: (M,) or (M, n) for regimes and ranges.
     """
 
@@ -73,6 +75,8 @@ class Prepared:
     reading_nuisance: Array
     assistance_nuisance: Array
     grid_nuisance: Array
+    command_jumps: Array
+    effort_jumps: Array
     time: Array
     position: Array
     velocity: Array
@@ -93,6 +97,7 @@ def prepare(
     known_effects: Sequence[EffectSpec] = (),
 ) -> Prepared:
     """Computes a log's residuals against the model with the known effects of a patch applied."""
+    jumps = [_jumps(log, torque, common) for torque in (log.command, log.effort)]
     log = _thinned(log, common)
     band = common.at(log.rate)
     reading = band.smooth(log.position)
@@ -129,6 +134,8 @@ def prepare(
             signals.rate_of(0.0 * q if signals.assistance is None else signals.assistance)
         ),
         grid_nuisance=band.condense(_grid_errors(log, model, signals, torque)),
+        command_jumps=jumps[0],
+        effort_jumps=jumps[1],
         time=band.pick(signals.time),
         position=band.pick(q),
         velocity=band.pick(v),
@@ -165,6 +172,13 @@ def _grid_errors(log: Log, model: NominalModel, signals: Signals, torque: Array)
     if signals.drive is not None:
         return mean_rounding(signals.drive, log.effort_steps)
     return mean_rounding(torque + signals.motor_acceleration * model.reflected_inertia, log.effort_steps)
+
+
+def _jumps(log: Log, torque: Array | None, common: CommonBand) -> Array:
+    """Jumps of a torque, (N, n) at the thinned log's rate; of one that has to be thinned the instants are known."""
+    if torque is None or common.thinning > 1:
+        return np.zeros_like(log.position[:: common.thinning])
+    return jump_sizes(log, torque)
 
 
 def _signals(
