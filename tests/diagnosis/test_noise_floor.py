@@ -38,6 +38,8 @@ def whitening_by(noise: np.ndarray, X: np.ndarray, made: np.ndarray, monkeypatch
         band=SimpleNamespace(cutoff=4.0, step=20, rate=200.0),
         log=SimpleNamespace(effort=None, effort_steps=None),
         signals=SimpleNamespace(n=1),
+        effort_jumps=np.zeros((1, 1)),
+        samples=len(noise),
     )
     nuisance = NuisanceColumns((GROUP,), 0, (np.zeros(0, int),), ((np.zeros((len(noise), 0)),),), {})
     regressor = CandidateRegressor(None, {}, ("generic", "link.0", "random"), [{GROUP: X}])
@@ -64,6 +66,14 @@ def test_a_column_that_holds_the_noise_does_not_hide_it(monkeypatch) -> None:
     noise, other = random.normal(scale=SIZE, size=(2, 400))
     assert floor_of(noise, noise[:, None], 0.0 * noise, monkeypatch) < 0.1 * SIZE
     assert floor_of(noise, noise[:, None], other, monkeypatch) == pytest.approx(SIZE, rel=0.1)
+
+
+def test_jumps_at_unknown_moments_are_noise_however_well_columns_follow_them(monkeypatch) -> None:
+    random = np.random.default_rng(8)
+    noise, jumps = random.normal(scale=SIZE, size=(2, 400))
+    monkeypatch.setattr(judged, "jump_noise", lambda *_: 2.0 * jumps)
+    found = floor_of(noise, noise[:, None], 0.0 * noise, monkeypatch)
+    assert found == pytest.approx(2.0 * SIZE, rel=0.1)
 
 
 def test_noise_where_the_motion_is_stays_as_white_as_elsewhere(monkeypatch) -> None:
@@ -292,8 +302,15 @@ def _swaying(inertia: float, sway: float, seed: int) -> SimpleNamespace:
         encoder_at_motor=np.zeros(1),
     )
     position = band.condense(np.full((len(q), 1), inertia))
+    jumps = np.zeros((len(q), 1))
     return SimpleNamespace(
-        log=log, signals=signals, band=band, tree=None, position=position, samples=len(position)
+        log=log,
+        signals=signals,
+        band=band,
+        tree=None,
+        position=position,
+        samples=len(position),
+        effort_jumps=jumps,
     )
 
 
@@ -307,3 +324,8 @@ def test_repeats_that_sway_by_themselves_do_not_lower_the_floor_elsewhere(monkey
     nuisance = SimpleNamespace(groups=(GROUP,))
     floor = judged.noise_by_repeats(left, items, nuisance, [(1, 0)])
     assert floor.rms[:, 0] == pytest.approx(0.01, rel=0.15)
+    # Repeats of one motion jump at the same rows and do not show it; the floor is what jumps make, at least.
+    monkeypatch.setattr(
+        judged, "jump_noise", lambda item, *_: 0.05 * np.random.default_rng(6).standard_normal(item.samples)
+    )
+    assert judged.noise_by_repeats(left, items, nuisance, [(1, 0)]).rms[:2, 0] == pytest.approx(0.05, rel=0.2)
