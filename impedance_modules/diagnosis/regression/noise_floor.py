@@ -87,23 +87,7 @@ def noise_by_repeats(
         [_rounded(part, group, mask) for part, mask in _with_rows(rounding, masks)]
         for masks, group in zip(shown, nuisance.groups, strict=True)
     ]
-    apart = [
-        [_difference(left[i][g], left[j][g], mask) for (i, j), mask in zip(pairs, masks, strict=True)]
-        for g, masks in enumerate(shown)
-    ]
-    apart = without_disturbed(apart, shown, prepared[0].band.rate / prepared[0].band.step)
-    noise = [
-        [one + part for (one, _), part in zip(_with_rows(apart[g], shown[g]), parts, strict=True)]
-        for g, parts in enumerate(unseen)
-    ]
-    jumps = [
-        [
-            jump_noise(prepared[i], group, i)[: len(mask)][mask]
-            for i, mask in _with_rows([i for i, _ in pairs], masks)
-        ]
-        for masks, group in zip(shown, nuisance.groups, strict=True)
-    ]
-    noise = [_not_below(pieces, 0.0, made) for pieces, made in zip(noise, jumps, strict=True)]
+    noise = _of_repeats(left, prepared, nuisance.groups, pairs, shown, unseen)
     power = [float(np.mean(np.concatenate(x) ** 2)) for x in noise]
     assumed = [float(np.mean(np.concatenate(x) ** 2)) for x in unseen]
     own = sensor_powers(prepared, nuisance.groups)
@@ -222,6 +206,30 @@ def _shown(
     everything = {r: np.ones(len(left[r][group]), dtype=bool) for r in recordings}
     masks = {r: clear.get((r, group), rows) for r, rows in everything.items()}
     return {r: mask for r, mask in masks.items() if mask.sum() > SHORT + ORDER} or everything
+
+
+def _of_repeats(
+    left: Sequence[Sequence[Array]],
+    prepared: Sequence[Prepared],
+    groups: Sequence[Group],
+    pairs: Sequence[tuple[int, int]],
+    shown: Sequence[Sequence[Mask]],
+    unseen: Sequence[Sequence[Array]],
+) -> list[list[Array]]:
+    """Noise of each group in each pair: their difference, what rounding hides of it, at least what jumps make."""
+    apart = [
+        [_difference(left[i][g], left[j][g], mask) for (i, j), mask in zip(pairs, masks, strict=True)]
+        for g, masks in enumerate(shown)
+    ]
+    apart = without_disturbed(apart, shown, prepared[0].band.rate / prepared[0].band.step)
+    out = []
+    for group, differences, masks, hidden in zip(groups, apart, shown, unseen, strict=True):
+        made = [
+            jump_noise(prepared[i], group, i)[: len(mask)][mask] for (i, _), mask in _with_rows(pairs, masks)
+        ]
+        pieces = [one + part for (one, _), part in zip(_with_rows(differences, masks), hidden, strict=True)]
+        out.append(_not_below(pieces, 0.0, made))
+    return out
 
 
 def _difference(one: Array, other: Array, shown: Mask) -> Array:
