@@ -159,9 +159,9 @@ def ablate(
     folders = {one: answers / one.name for one in out}
     try:
         rules = rules_named(names)
+        ask = watch_all if any(len(left.rules) == 1 for left in rules) else ask_all
         for one, kept in folders.items():
-            watched = any(len(left.rules) == 1 for left in rules)
-            (watch_all if watched else ask_all)(one, kept, blocks, jobs, tell)
+            ask(one, kept, blocks, jobs, tell)
             ask_without(rules, one, kept, blocks, jobs, tell)
         click.echo(ablation_table(folders, rules), nl=False)
     except ValueError as error:

@@ -159,7 +159,10 @@ def watch_all(
     def watching(answer: Path) -> list[str]:
         return [PROGRAM, "watch", str(answer.with_suffix(MATTERED)), "--"]
 
-    _ask(out, answers / WITH_ALL, names_of(out, blocks), watching, jobs, tell)
+    folder = answers / WITH_ALL
+    # Those that `ask_all` has answered were not watched: they are asked again.
+    names = [name for name in names_of(out, blocks) if not (folder / f"{name}{MATTERED}").exists()]
+    _ask(out, folder, names, watching, jobs, tell, again=True)
 
 
 def ask_all(out: Path, answers: Path, blocks: Sequence[str], jobs: int, tell: Callable[[str], None]) -> None:
@@ -204,6 +207,8 @@ def _ask(
     program: Callable[[Path], Sequence[str]],
     jobs: int,
     tell: Callable[[str], None],
+    *,
+    again: bool = False,
 ) -> None:
     """Asks some cases; ``program`` says for the path of an answer what stands for ``impedance``."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -214,7 +219,7 @@ def _ask(
         (folder / f"{name}.run.json").write_text(json.dumps(record) + "\n")
         return f"{name} exit {record['exit']} {record['processor_seconds']:.1f} s"
 
-    ask_waiting(names, folder, one, tell, again=False, jobs=jobs)
+    ask_waiting(names, folder, one, tell, again=again, jobs=jobs)
 
 
 def main() -> None:

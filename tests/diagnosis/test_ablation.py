@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
+from benchmarks.wide import ablation
 from benchmarks.wide.__main__ import main
 from benchmarks.wide.ablation import MATTERED, WITH_ALL, Place, left_out, shown, watched
 from benchmarks.wide.ablation import main as run_program
@@ -133,6 +134,23 @@ def test_rules_left_out_at_once_are_asked_in_every_case(tmp_path: Path) -> None:
         write_answer(answers / "harm,quarter", name, verdict, [])
     row = ablation_table({tmp_path: answers}, both).splitlines()[-1]
     assert row.startswith("| harm, quarter | all of these at once | 3 | -1 |")
+
+
+def test_cases_that_were_asked_but_not_watched_are_watched(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else no rule would seem to matter in them."""
+    answers = watched_cases(tmp_path)
+    (answers / WITH_ALL / f"two{MATTERED}").unlink()
+    asked: list[tuple[str, Sequence[str]]] = []
+
+    def run(case: Path, _: object, answer: Path, program: Sequence[str]) -> dict[str, Any]:
+        asked.append((case.name, program))
+        return {"exit": 0, "processor_seconds": 1.0}
+
+    monkeypatch.setattr(ablation, "run_case", run)
+    ablation.watch_all(tmp_path, answers, (), 1, lambda _: None)
+    assert [name for name, _ in asked] == ["two"] and asked[0][1][1] == "watch"
 
 
 def test_a_program_without_two_rules_has_neither(monkeypatch: pytest.MonkeyPatch) -> None:
