@@ -40,7 +40,12 @@ from impedance_modules.diagnosis.model_selection.repeated_search import Repeated
 from impedance_modules.diagnosis.model_selection.surface_search import with_surfaces
 from impedance_modules.diagnosis.model_selection.swallowed import swallowed_by_priors
 from impedance_modules.diagnosis.model_selection.tolerance import set_small_aside
-from impedance_modules.diagnosis.residuals.band import choose_band, filter_length, least_duration
+from impedance_modules.diagnosis.residuals.band import (
+    choose_band,
+    filter_length,
+    least_duration,
+    renewal_note,
+)
 from impedance_modules.diagnosis.residuals.contact_mask import (
     contact_note,
     without_links_in_contact,
@@ -123,7 +128,8 @@ def diagnose(
     search = RepeatedSearch(
         prepared, split, model, {*without, *not_searched(under_water=under_water)}, progress, each
     )
-    said = (*split.warnings, *contact_note(prepared, split.fitted), *gap_note(prepared))
+    contact = contact_note(prepared, split.fitted)
+    said = (*split.warnings, *renewal_note(logs, common), *contact, *gap_note(prepared))
     while True:
         found = _concluded(search.evidence, model, report, (*said, *search.notes), progress)
         progress("simulating the held-out recordings")

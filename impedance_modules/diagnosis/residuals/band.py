@@ -193,6 +193,17 @@ def _below_renewals(logs: Sequence[Log]) -> float:
     return 0.5 * min(rates, default=np.inf)
 
 
+def renewal_note(logs: Sequence[Log], common: CommonBand) -> tuple[str, ...]:
+    """Says that held targets end the band; nothing where they do not."""
+    end = _below_renewals(logs)
+    if common.cutoff < end:
+        return ()
+    return (
+        f"targets are held and renewed {2.0 * end:.3g} times a second, and the arm jerks: compared below"
+        f" {common.cutoff:.3g} Hz only (valid for more: a target that moves all the time)",
+    )
+
+
 def filter_length(cutoff: float) -> float:
     """About the length that the band's filter removes at each end of a recording [s]."""
     return HALF_LENGTH / cutoff
