@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from impedance_modules.diagnosis.data.held_targets import jumps_of_target, renewal_rate, renewals
 from impedance_modules.diagnosis.data.log import Log
-from impedance_modules.diagnosis.regression.jumped_torques import jump_columns, jump_noise
-from impedance_modules.diagnosis.residuals.band import BAND_MIN, choose_band
+from impedance_modules.diagnosis.regression.jumped_torques import jump_column, jump_noise
+from impedance_modules.diagnosis.residuals.band import BAND_MIN, choose_band, renewal_note
 
 SECONDS = 20.0
 
@@ -70,6 +70,15 @@ def test_the_band_ends_before_the_frequency_of_renewals(seed, rate, hold):
     assert BAND_MIN <= among.cutoff <= alone.cutoff
 
 
+def test_who_is_compared_in_a_narrower_band_is_told_why_and_how_wide():
+    logs = [log(200.0, 7, 0.08)]
+    common = choose_band(logs)
+    (note,) = renewal_note(logs, common)
+    assert "renewed 12.5 times a second" in note and f"below {common.cutoff:.3g} Hz" in note
+    moving = [log(200.0, 7, None)]
+    assert renewal_note(moving, choose_band(moving)) == ()
+
+
 def test_rare_steps_of_a_target_change_no_band():
     steps = [log(200.0, 3, None), log(200.0, 3, 1.0)]
     assert choose_band(steps).cutoff == choose_band(steps[:1]).cutoff
@@ -108,9 +117,10 @@ def test_jumps_at_unknown_moments_make_a_column_and_a_noise_of_their_size(residu
         band=band,
         samples=band.kept(len(jumps)),
     )
-    assert jump_columns(item, residual) == pytest.approx(band.condense(jumps))
+    for joint in (0, 1):
+        assert jump_column(item, (residual, joint)) == pytest.approx(band.condense(jumps[:, joint]))
     early = np.random.default_rng(9).uniform(-0.5, 0.5, jumps.shape)
     made = band.condense(early * jumps)[:, 0]
     assert np.std(jump_noise(item, (residual, 0), 1)) == pytest.approx(np.std(made), rel=0.25)
     for other in ("velocity", "motor" if residual == "drive" else "drive"):
-        assert not jump_columns(item, other).any() and not jump_noise(item, (other, 0), 1).any()
+        assert not jump_column(item, (other, 0)).any() and not jump_noise(item, (other, 0), 1).any()

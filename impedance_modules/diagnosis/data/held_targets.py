@@ -47,9 +47,10 @@ def renewal_rate(log: Log) -> float:
 
 def jumps_of_target(log: Log, torque: Array) -> Array:
     """By how much torques (N, n) jump before each row because a held target is renewed; zero in all other rows."""
-    if log.position_command is None:
+    renewed = renewals(log)
+    if log.position_command is None or not renewed.any():
         return np.zeros_like(torque)
-    aimed = np.where(renewals(log)[:, None], _steps(log.position_command), 0.0)
+    aimed = np.where(renewed[:, None], _steps(log.position_command), 0.0)
     power = np.sum(aimed**2, axis=0)
     slope = np.sum(_steps(torque) * aimed, axis=0) / np.where(power > 0.0, power, 1.0)
     return np.asarray(slope * aimed)

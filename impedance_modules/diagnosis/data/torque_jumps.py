@@ -62,10 +62,8 @@ def jump_sizes(log: Log, torque: Array) -> Array:
 
     By a held target where one is recorded; else where they are much rougher than usual, if that is not noise.
     """
-    if renewals(log).any():
-        return jumps_of_target(log, torque)
-    out = np.zeros_like(torque)
-    if jumps(torque) <= JUMPS_MIN:
+    out = jumps_of_target(log, torque)
+    if out.any() or jumps(torque) <= JUMPS_MIN:
         return out
     steps = np.diff(torque, axis=0)
     sudden = steps[1:-1] - 0.5 * (steps[:-2] + steps[2:])

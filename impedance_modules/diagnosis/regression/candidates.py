@@ -162,9 +162,12 @@ def columns_of(
     signals: Signals,
     residuals: Sequence[Residual],
 ) -> Iterator[Columns | None]:
-    """Evaluates shapes of a candidate on a recording; None for one that shows in no residual."""
+    """Evaluates shapes of a candidate on a recording; None for one that shows in no residual.
+
+    As many at once as about `WAITING` values allow.
+    """
     site = candidate.site(signals)
-    together = max(1, WAITING // (4 * len(signals.time)))
+    together = max(1, WAITING // (len(residuals) * len(signals.time)))
     for start in range(0, len(shapes), together):
         some = shapes[start : start + together]
         each = [candidate.effect.regressors(site, residual, some) for residual in residuals]

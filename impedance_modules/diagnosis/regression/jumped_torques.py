@@ -15,25 +15,23 @@ import numpy as np
 from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.regression.candidates import Group
 from impedance_modules.diagnosis.residuals.preparation import Prepared
-from impedance_modules.effects.residual_kinds import Residual
 
 
-def jump_columns(item: Prepared, residual: Residual) -> Array:
-    """What a row more of delay makes of the jumps of the torque that enters a residual, (M, n) in the band."""
-    return item.band.condense(_jumps(item, residual))
+def jump_column(item: Prepared, group: Group) -> Array:
+    """What a row more of delay makes of the jumps of the torque that enters a residual, (M,) in the band."""
+    return _in_band(item, group, 1.0)
 
 
 def jump_noise(item: Prepared, group: Group, seed: int) -> Array:
     """(M,) what jumps make of a residual if their instants are by chance, evenly within a row."""
+    return _in_band(item, group, np.random.default_rng(seed).uniform(-0.5, 0.5, len(item.effort_jumps)))
+
+
+def _in_band(item: Prepared, group: Group, rows: Array | float) -> Array:
+    """Jumps times so many rows of delay; most recordings have none."""
     residual, joint = group
-    sizes = _jumps(item, residual)[:, joint]
-    if not sizes.any():
+    jumps = item.effort_jumps if residual in ("link", "motor") else item.command_jumps
+    sizes = jumps[:, joint]
+    if residual == "velocity" or not sizes.any():
         return np.zeros(item.samples)
-    early = np.random.default_rng(seed).uniform(-0.5, 0.5, sizes.shape)
-    return np.asarray(item.band.condense(early * sizes))
-
-
-def _jumps(item: Prepared, residual: Residual) -> Array:
-    if residual == "velocity":
-        return np.zeros_like(item.effort_jumps)
-    return item.effort_jumps if residual in ("link", "motor") else item.command_jumps
+    return np.asarray(item.band.condense(rows * sizes))

@@ -21,7 +21,7 @@ import numpy as np
 from impedance_modules.arrays import Array, Indices
 from impedance_modules.diagnosis.regression.candidates import Group
 from impedance_modules.diagnosis.regression.cleaned_signals import stationary_joints
-from impedance_modules.diagnosis.regression.jumped_torques import jump_columns
+from impedance_modules.diagnosis.regression.jumped_torques import jump_column
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.effects.residual_kinds import EFFORT_SIGN
 
@@ -179,20 +179,20 @@ def _kinds(first: Prepared, prior: Array) -> tuple[_Kind, ...]:
             lambda item, group: (
                 EFFORT_SIGN[group[0]]
                 * GRID_PRIOR
-                * item.grid_nuisance[:, [group[1]]]
-                * (np.arange(item.signals.n) == group[1])
+                * _of_own_joint(item.grid_nuisance[:, group[1]], item, group)
             ),
         ),
         _Kind(
             first.signals.n,
             lambda group: group[0] != "velocity",
-            lambda item, group: (
-                JUMP_PRIOR
-                * jump_columns(item, group[0])[:, [group[1]]]
-                * (np.arange(item.signals.n) == group[1])
-            ),
+            lambda item, group: JUMP_PRIOR * _of_own_joint(jump_column(item, group), item, group),
         ),
     )
+
+
+def _of_own_joint(column: Array, item: Prepared, group: Group) -> Array:
+    """A column (M,) in the place of the group's joint among those of all joints, (M, n)."""
+    return np.outer(column, np.arange(item.signals.n) == group[1])
 
 
 def _groups(prepared: Sequence[Prepared]) -> tuple[Group, ...]:
