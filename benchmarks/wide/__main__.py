@@ -105,7 +105,10 @@ def score(out: Path, answers: Path | None, case: str | None) -> None:
     from benchmarks.wide.score import score_all, show_case
 
     folder = answers or out / ANSWERS
-    click.echo(score_all(out, folder) if case is None else show_case(out, folder, case))
+    try:
+        click.echo(score_all(out, folder) if case is None else show_case(out, folder, case))
+    except ValueError as error:
+        raise click.UsageError(str(error)) from error
 
 
 @main.command()

@@ -16,7 +16,7 @@ from typing import Any
 from benchmarks.blind.answers import NO_ANSWER, is_cause, read_answer
 from benchmarks.blind.figures import Rate
 from benchmarks.blind.judged import Judged, all_found, left_open, truth_reported, wrongly_named
-from benchmarks.wide.blocks import check_seals
+from benchmarks.wide.blocks import SEALS, check_seals
 from benchmarks.wide.design import DIMENSIONS
 from benchmarks.wide.effects import DRY
 from benchmarks.wide.reliability import brier_score, table_of
@@ -106,8 +106,10 @@ def score_all(out: Path, answers: Path) -> str:
     """Scores development and each frozen variety apart; writes score.md and wrong.txt beside the answers.
 
     Raises:
-        ValueError: A sealed file is not the one whose hash was written when it was made.
+        ValueError: Nothing was made there, or a sealed file is not the one whose hash was written when it was.
     """
+    if not (out / SEALS).exists():
+        raise ValueError(f"{out}: no cases with a sealed truth (valid: a folder that `generate` made)")
     check_seals(out)
     cases = judge(out, answers)
     lines: list[str] = []

@@ -81,6 +81,12 @@ def test_a_rule_of_no_name_is_refused(tmp_path: Path) -> None:
     assert "no rule has the name no-such (valid: harm," in done.output
 
 
+def test_a_folder_without_cases_is_not_scored(tmp_path: Path) -> None:
+    done = CliRunner().invoke(main, ["score", str(tmp_path)])
+    assert done.exit_code == 2
+    assert "no cases with a sealed truth (valid: a folder that `generate` made)" in done.output
+
+
 def case(block: str) -> dict[str, Any]:
     effect = {"effect": "payload", "also": [], "joints": [], "parameters": {}, "size": 2.0}
     return {"block": block, "frozen": None, "values": {}, "effects": [] if block == "B" else [effect]}
