@@ -18,10 +18,14 @@ from impedance_modules.diagnosis.data.encoder_grid import (
     steps_of,
     torque_steps_of,
 )
+from impedance_modules.diagnosis.data.log import Log
+from impedance_modules.diagnosis.data.nominal_model import model_of_urdf
+from impedance_modules.diagnosis.data.rigid_dynamics import BatchedRigidModel, inverse_dynamics
 from impedance_modules.diagnosis.regression import sensor_noise
 from impedance_modules.diagnosis.residuals.band import CommonBand
-from impedance_modules.diagnosis.residuals.preparation import _grid_errors
+from impedance_modules.diagnosis.residuals.preparation import _grid_errors, prepare
 from impedance_modules.effects.recorded_signals import differentiate
+from tests.support.pressed_recordings import JOINTS, URDF
 
 STEP = 2.0 * np.pi / 16384
 GRID = np.array([STEP])
@@ -173,3 +177,30 @@ def test_a_motors_reading_is_rounded_where_its_command_was(source: str, asked: b
     read = log.effort_steps * np.round(torques["drive"] / log.effort_steps)
     if rounded == "drive":
         assert np.corrcoef((torques["drive"] - read).ravel(), found.ravel())[0, 1] < -0.6
+
+
+@pytest.mark.parametrize("step", [0.05, 0.2])
+def test_what_a_torques_grid_adds_is_known_beside_accelerations_whose_noise_is_larger_than_a_step(
+    step: float,
+) -> None:
+    random, rate = np.random.default_rng(11), 100.0
+    time = np.arange(0.0, SECONDS, 1.0 / rate)
+    q = 0.3 * np.sin(2.0 * np.pi * np.outer(time, random.uniform(0.1, 0.4, len(JOINTS))) + 1.0)
+    model = model_of_urdf(URDF, JOINTS)
+    v = differentiate(q, time)
+    torque = inverse_dynamics(model.tree, q, v, differentiate(v, time))
+    read = step * np.round((torque + DITHER * step * random.standard_normal(q.shape)) / step)
+    position = q + 2e-5 * random.standard_normal(q.shape)
+    log = Log(
+        *("run", "run", rate, position, None, read, None, None, "joint_sensor", "none"),
+        effort_steps=np.full(len(JOINTS), step),
+    )
+    band = CommonBand.of(rate, 10.0)
+    item = prepare(log, model, BatchedRigidModel.of_tree(URDF, model.tree), band)
+    noise = inverse_dynamics(
+        model.tree, item.signals.position, item.signals.velocity, item.signals.acceleration
+    )
+    assert (noise - torque)[:, 0].std() > step
+    true = item.band.condense(mean_rounding(torque, log.effort_steps))
+    for found, expected in zip(item.grid_nuisance.T, true.T, strict=True):
+        assert np.corrcoef(found, expected)[0, 1] > 0.85

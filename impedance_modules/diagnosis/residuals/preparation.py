@@ -109,6 +109,7 @@ def prepare(
     weight = gravity_regressor(model.tree, reading)  # the robot knows its readings only
     signals = _signals(log, model, rigid, band, (time, q, v, a, a_clean), weight @ model.tree.inertia)
     regressor = inertial_regressor(model.tree, q, v, a_clean)
+    calm = replace(signals, acceleration=a_clean)
     effort = signals.effort
     torque = inverse_dynamics(model.tree, q, v, a)
     residuals = {
@@ -133,7 +134,7 @@ def prepare(
         assistance_nuisance=band.condense(
             signals.rate_of(0.0 * q if signals.assistance is None else signals.assistance)
         ),
-        grid_nuisance=band.condense(_grid_errors(log, model, signals, torque)),
+        grid_nuisance=band.condense(_grid_errors(log, model, calm, regressor @ model.tree.inertia)),
         command_jumps=jumps[0],
         effort_jumps=jumps[1],
         time=band.pick(signals.time),
@@ -163,7 +164,14 @@ def _link_position(log: Log, model: NominalModel, band: Band, time: Array, readi
 def _grid_errors(log: Log, model: NominalModel, signals: Signals, torque: Array) -> Array:
     """What the efforts' grids would add to the torque at the sensor, (N, n): as asked for, else as the model needs it.
 
-    A motor's command is nearer to its torque than any model: a fraction of a step decides what is rounded where.
+    A motor's command is nearer to its torque than any model: a fraction of a step decides what is rounded where. So
+    the motion's noise has no place in what the model needs: it is often larger than a step.
+
+    Args:
+        log: With the grids.
+        model: For the rotors.
+        signals: The motion, without the noise of its accelerations.
+        torque: (N, n) that the links need for it [N.m].
     """
     if log.effort_steps is None:
         return np.zeros_like(torque)
