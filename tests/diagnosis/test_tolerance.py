@@ -93,7 +93,7 @@ def unexplained_at(*places: tuple[str, str]) -> Diagnosis:
 
 
 def evidence(torque: float, left: float, noise: float = 0.0) -> SimpleNamespace:
-    """One cause with a torque of this rms, and what remains beside noise of another [N.m]."""
+    """One cause with a torque of this rms where the joint carries most, and what remains beside noise [N.m]."""
     key = ("coulomb_friction", "hinge", "link")
     term = SimpleNamespace(key=key, groups=(0,))
     return SimpleNamespace(
@@ -101,7 +101,7 @@ def evidence(torque: float, left: float, noise: float = 0.0) -> SimpleNamespace:
         design=SimpleNamespace(groups=(("link", 0),), rate=20.0),
         model_fit=SimpleNamespace(model=(term,)),
         plain=SimpleNamespace(
-            torque=lambda *_: {0: np.array([torque, -torque])},
+            torque=lambda _fit, _term, r: {0: (0.25, 1.0)[r] * np.array([torque, -torque])},
             left=lambda *_: [np.full(100, np.hypot(left, noise))],
         ),
         counted=lambda *_: np.ones(100, dtype=bool),
@@ -131,6 +131,15 @@ def test_a_cause_is_small_by_its_torque_and_by_its_motion(
     assert (found.small == (one,), found.causes == (one,)) == (small, not small)
     assert (found.verdict, found.tolerance) == ("no_gap" if small else "explained", tolerance)
     assert ("within the tolerance" in found.remainder.structure) is small
+
+
+@pytest.mark.parametrize(("torque", "small"), [(0.019, True), (0.021, False)])
+def test_a_cause_has_to_be_small_in_every_recording_by_itself(torque: float, small: bool) -> None:
+    """The same friction in two recordings: one per cent of 2 N.m in the one is a quarter of that in the other."""
+    seen = evidence(0.0, 0.0)
+    seen.plain.torque = lambda *_: {0: np.array([torque, -torque])}
+    found = set_small_aside(diagnosis(cause(1.1)), seen, 0.01)
+    assert found.verdict == ("no_gap" if small else "explained")
 
 
 @pytest.mark.parametrize(("error", "small"), [(0.1, False), (0.23, False), (0.3, True)])

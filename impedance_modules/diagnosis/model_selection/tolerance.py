@@ -5,10 +5,11 @@ With good sensors and long recordings, torques of a thousandth of a joint's rang
 
     \tau_{rms} \le s (\tau_{max} - \tau_{min})      for every joint and residual,
 
-\tau a cause's torque, or what remains beside the noise, by power; the range over all recordings (of reported
-velocities, the range of speeds), s the tolerance. And the simulated motion must be as good without each cause as with
-it, and with all of them as near to the recorded one as its noise or the same share of the joint's motion allows; what
-remains in reported velocities alone changes none, as nothing is simulated with them.
+\tau a cause's torque in each recording, rms and range by itself: a joint that carries much in one recording excuses
+nothing in another; or what remains beside the noise, over all recordings, as the noise is. The range is that of the
+joint's torque (of reported velocities, that of its speed), s the tolerance. And the simulated motion must be as good
+without each cause as with it, and with all of them as near to the recorded one as its noise or the same share of the
+joint's motion allows; what remains in reported velocities alone changes none, as nothing is simulated with them.
 """
 
 from __future__ import annotations
@@ -55,7 +56,8 @@ def set_small_aside(found: Diagnosis, evidence: Evidence, tolerance: float) -> D
     if tolerance == 0.0 or found.verdict == "no_gap":
         return found
     limits = tolerance * ranges(evidence.prepared, evidence.design.groups)
-    small = [cause for cause in found.causes if is_small(cause, evidence, limits)]
+    each = tolerance * np.array([ranges([item], evidence.design.groups) for item in evidence.prepared])
+    small = [cause for cause in found.causes if is_small(cause, evidence, each)]
     nothing = len(small) == len(found.causes)
     # What a cause that matters leaves is held to the noise alone: a wrong name comes near, too.
     near = _near(evidence, tolerance if nothing else 0.0)
@@ -148,29 +150,26 @@ def _left_rows(evidence: Evidence) -> list[list[Array]]:
 
 
 def is_small(cause: Cause, evidence: Evidence, limits: Array) -> bool:
-    """Whether a cause's torque is within the limits (groups,) at each joint, and the simulated motion needs it not."""
+    """Whether a cause's torque is within the limits (recordings, groups), and the simulated motion needs it not."""
     shown = cause.rollout
     # Fewer standard errors than a cause needs to be called a help: what probably changes the motion is not small.
     if shown is not None and shown.ratio >= max(CHANGED, np.exp(SIGMA * shown.standard_error)):
         return False
     powers = torque_powers(cause, evidence)
-    within = all(np.sqrt(power) <= limits[group] for power, group in powers)
     if powers:
-        return bool(within)
+        return all(bool(np.all(np.sqrt(power) <= limits[:, group])) for power, group in powers)
     return cause.effect == ExternalContact.description.id and _small_pushes(evidence, limits)
 
 
-def torque_powers(cause: Cause, evidence: Evidence) -> list[tuple[float, int]]:
-    """Mean square of the torque of each of a cause's terms over all recordings, in each group where it acts."""
-    model_fit, recordings = evidence.model_fit, range(len(evidence.prepared))
-    found = []
+def torque_powers(cause: Cause, evidence: Evidence) -> list[tuple[Array, int]]:
+    """(recordings,) mean square of the torque of each of a cause's terms, and a group where it acts."""
+    model_fit, found = evidence.model_fit, []
     for index, term in enumerate(model_fit.model):
         if (term.key[0], term.key[2]) != (cause.effect, cause.port):
             continue
-        torques = [evidence.plain.torque(model_fit, index, r) for r in recordings]
+        torques = [evidence.plain.torque(model_fit, index, r) for r in range(len(evidence.prepared))]
         found += [
-            (float(np.mean(np.concatenate([torque[group] for torque in torques]) ** 2)), group)
-            for group in term.groups
+            (np.array([np.mean(torque[group] ** 2) for torque in torques]), group) for group in term.groups
         ]
     return found
 
@@ -192,11 +191,11 @@ def parts_of_torque(evidence: Evidence) -> dict[tuple[str, str], float]:
 
 
 def _small_pushes(evidence: Evidence, limits: Array) -> bool:
-    """Whether the torque J^T f of every push, rms while it lasts, is within the limits (groups,) at each joint."""
+    """Whether the torque J^T f of every push, rms while it lasts, is within the limits (recordings, groups)."""
     seen = [(g, joint) for g, (residual, joint) in enumerate(evidence.design.groups) if uses_motion(residual)]
     for push in evidence.pushes:
         torque = torque_of(push, evidence.prepared[push.recording])
-        if any(torque[joint] > limits[g] for g, joint in seen):
+        if any(torque[joint] > limits[push.recording, g] for g, joint in seen):
             return False
     return bool(evidence.pushes)
 
@@ -221,7 +220,7 @@ def _near(evidence: Evidence, share: float) -> dict[str, float]:
 
 
 def ranges(prepared: Sequence[Prepared], groups: Sequence[Group]) -> Array:
-    """(groups,) range of each joint's torque over all recordings [N.m], or of its speed for reported velocities."""
+    """(groups,) range of each joint's torque over recordings [N.m], or of its speed for reported velocities."""
     torque, speed = (
         np.ptp(np.concatenate(values), axis=0)
         for values in ([item.load for item in prepared], [item.velocity for item in prepared])
