@@ -74,7 +74,6 @@ ACCEPTANCE = (
     _number(
         "narrow", "what should show on several joints helps on more than one", "acceptance:SPREAD", INFINITE
     ),
-    _number("discord", "joints agree on one number for all", "acceptance:DISCORD_MAX", INFINITE),
     _check("generic", "no smooth function without physics does better", "acceptance:_does_better", False),
     _number(
         "contrast", "what makes a law more than a simpler one is certain", "plausibility:CONTRAST_MIN", 0.0
@@ -87,38 +86,12 @@ ACCEPTANCE = (
         "plausibility:_moves_nuisance",
         False,
     ),
-    _check("cancel", "offset and asymmetry do not cancel", "plausibility:_constant_parts_cancel", False),
     _check("contained", "no law beside one that contains it", "plausibility:_contains_law", False),
-    _number("far", "a load is not beyond 1.5 links", "plausibility:FAR", INFINITE),
     _number(
         "twice-removed",
         "what was removed twice is not accepted again",
         "forward_selection:REMOVALS_MAX",
         1000,
-    ),
-)
-
-ORDER = (
-    Rule(
-        "simpler-first",
-        "a simpler law before one that contains it",
-        "model_selection.acceptance:_within",
-        _always(False),
-        (ADDED,),
-    ),
-    Rule(
-        "error-last",
-        "a law of the motion before the controller's",
-        "model_selection.acceptance:_moves_the_error",
-        _always(False),
-        (ADDED,),
-    ),
-    Rule(
-        "mass-first",
-        "a body's mass before a load on it",
-        "model_selection.acceptance:_in_proportion",
-        _always(False),
-        (ADDED,),
     ),
 )
 
@@ -129,7 +102,6 @@ SEARCH = (
         f"{_SEARCH}:geared_start_model",
         _always(()),
     ),
-    Rule("pairs", "two causes at once where none alone passes", f"{_SEARCH}:find_pair", _always(None)),
     Rule(
         "exchange", "each new cause may exchange those beside it", f"{_SEARCH}:Selector._exchange", _given(1)
     ),
@@ -179,12 +151,6 @@ NAMING = (
         _given_with_none(0),
     ),
     Rule(
-        "negligible",
-        "all causes together explain a twentieth",
-        "model_selection.repeated_search:without_negligible",
-        _given_with_none(0),
-    ),
-    Rule(
         "motion", "the simulated motion does not reject the cause", "diagnose:rejected_by_motion", _always(())
     ),
     Rule(
@@ -204,12 +170,6 @@ NAMING = (
         "rival-open",
         "rivals: what cannot be told is left open",
         "model_selection.rivals:_open",
-        _always(False),
-    ),
-    Rule(
-        "delays",
-        "rivals: delay against lag by 3 deviations",
-        "model_selection.rivals:both_delay_torque",
         _always(False),
     ),
 )
@@ -236,17 +196,10 @@ VERDICT = (
         0.0,
         ("model_selection.conclusion:verdict_of",),
     ),
-    Rule(
-        "minor-rivals",
-        "rivals of a joint with little effect do not count",
-        "model_selection.conclusion:MINOR_PART",
-        0.0,
-        ("model_selection.conclusion:_merge",),
-    ),
     Rule("tolerance", "what is within 1 % of the range is small", "diagnose:set_small_aside", _given(0)),
 )
 
-RULES = (*ACCEPTANCE, *ORDER, *SEARCH, *NAMING, *VERDICT)
+RULES = (*ACCEPTANCE, *SEARCH, *NAMING, *VERDICT)
 
 
 @dataclass(frozen=True)

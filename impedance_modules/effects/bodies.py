@@ -154,14 +154,6 @@ class Payload(MassAtPoint):
         starts = [reach * centre for reach in (0.0, 1.0, 2.0)][: 3 if centre.any() else 1]
         return tuple(by_axis(start) for start in starts)
 
-    def out_of_reach(self, coefficients: Array, spread: Array, reach: float) -> str | None:
-        """First moments need a mass near enough: |m c| <= m reach."""
-        mass = max(float(coefficients[0]), 0.0) + float(spread[0])
-        moment = float(np.linalg.norm(coefficients[1:]))
-        return (
-            None if moment <= mass * reach else "its first moments need more mass than there is within reach"
-        )
-
     def relations(self, values: Values) -> list[str]:
         """A thing is fixed where the link is, not where only its lever could be."""
         far = float(np.linalg.norm(centre_of(values)))

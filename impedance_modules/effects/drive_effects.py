@@ -250,7 +250,6 @@ class ControllerGain(Effect):
             "servo gains", "K_p = dkp, K_d = dkd", lambda values: (values["dkp"], values.get("dkd", 0.0))
         ),
     )
-    of_tracking_error = True
     not_compensated = (
         "it belongs to the drives' own position loop, which a run does not use (valid: a patch without it)"
     )

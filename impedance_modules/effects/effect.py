@@ -81,9 +81,6 @@ class Effect(ABC):
         delays_torque: It delays the joint's torque; two such effects differ in the second order of their time only.
         shared_by_joints: One physical reason can give it to many joints at once: a delayed bus delays all commands.
         dry: Its torque depends on the sign of the speed.
-        of_tracking_error: It follows the tracking error, with which a controller answers any disturbance.
-        constant_part: Symbol of the parameter that is a constant torque wherever the joint moves [N.m]; None where
-            it has none. Two effects with one on the same joint can take each other back.
         carried_by_robot: The maker may have told the robot of it: then the robot adds the torque that it takes to
             every command, and it shows at the link and once more in the drive.
         imitates_carried: A share of another joint's torque, which imitates something that the robot carries by
@@ -113,8 +110,6 @@ class Effect(ABC):
     delays_torque: bool = False
     shared_by_joints: bool = False
     dry: bool = False
-    of_tracking_error: bool = False
-    constant_part: str | None = None
     stated_outside: str | None = None
     carried_by_robot: bool = False
     imitates_carried: bool = False
@@ -201,10 +196,6 @@ class Effect(ABC):
     @abstractmethod
     def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """Computes the columns in a residual in which it shows; None where what they need is not recorded."""
-
-    def out_of_reach(self, coefficients: Array, spread: Array, reach: float) -> str | None:
-        """Says why coefficients (p,), known to (p,), ask for a place beyond a reach [m]; None where they do not."""
-        return None
 
     def unresolved(self, shape: Shape, resolution: float) -> str | None:
         """Says why a shape cannot be seen through a position sensor's grid [rad]; None where it can."""

@@ -245,7 +245,6 @@ class AsymmetricFriction(JointLaw):
         excitation="moves and holds, both directions at several speeds",
         reference="Janot, Gautier & Brunot 2019 (EMPS)",
     )
-    constant_part = "da"
     not_exported = "friction of a joint there is the same in both directions"
     compensation = "friction"
     compensated_at = ("actuator", "link")

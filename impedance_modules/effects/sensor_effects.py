@@ -59,7 +59,6 @@ class TorqueOffset(JointLaw):
         reference="Khalil & Dombre 2002",
         applied="The plant: as a torque at the motor or link, or in what its effort sensor reports.",
     )
-    constant_part = "c"
     compensation = "potential"
     compensated_at = ("actuator", "link")
     not_compensated = ONLY_REPORTED

@@ -18,7 +18,7 @@ from benchmarks.wide.ablation import MATTERED, WITH_ALL, Place, left_out, shown,
 from benchmarks.wide.ablation import main as run_program
 from benchmarks.wide.ablation_table import ablation_table
 from benchmarks.wide.rules import RULES, Rule, rules_named
-from impedance_modules.diagnosis.model_selection import conclusion, tolerance
+from impedance_modules.diagnosis.model_selection import acceptance, conclusion, tolerance
 from impedance_modules.diagnosis.result import Cause, Remainder, Rival, Standing
 
 PASSED = Remainder(1.0, True, "", 1.0, frozenset())
@@ -160,16 +160,16 @@ def test_cases_that_were_asked_but_not_watched_are_watched(
 
 
 def test_a_program_without_two_rules_has_neither(monkeypatch: pytest.MonkeyPatch) -> None:
-    before = conclusion.EXPLAINED_MIN, conclusion.MINOR_PART
+    before = conclusion.EXPLAINED_MIN, acceptance.HARM_MAX
     seen: list[tuple[float, float]] = []
     monkeypatch.setattr(
         "impedance_modules.cli.main.main",
-        lambda: seen.append((conclusion.EXPLAINED_MIN, conclusion.MINOR_PART)),
+        lambda: seen.append((conclusion.EXPLAINED_MIN, acceptance.HARM_MAX)),
     )
-    monkeypatch.setattr(sys, "argv", ["ablation", "without", "quarter,minor-rivals", "--", "diagnose"])
+    monkeypatch.setattr(sys, "argv", ["ablation", "without", "quarter,harm", "--", "diagnose"])
     run_program()
-    assert seen == [(0.0, 0.0)]
-    assert before == (conclusion.EXPLAINED_MIN, conclusion.MINOR_PART) and 0.0 not in before
+    assert seen == [(0.0, float("inf"))]
+    assert before == (conclusion.EXPLAINED_MIN, acceptance.HARM_MAX) and 0.0 not in before
 
 
 def test_a_table_without_answers_is_refused(tmp_path: Path) -> None:

@@ -94,9 +94,6 @@ def test_one_effect_on_several_joints_is_one_cause() -> None:
     assert both.equivalent == (RIVAL, other) and both.rivals == (RIVAL,)
     assert both.parameters == {"elbow": {}, "wrist": {}}
     assert both.position_range == {"elbow": (-0.6, 0.6), "wrist": (-0.2, 0.2)} == both.velocity_range
-    for weight, counted in ((0.059, ()), (0.061, (other,))):
-        assert conclusion._merge(cause(0.6), cause(weight, other, joint="wrist")).equivalent == counted
-        assert conclusion._merge(cause(weight, other, joint="wrist"), cause(0.6)).equivalent == counted
 
 
 def test_the_next_motion_asks_for_what_is_open() -> None:

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from impedance_modules.diagnosis.model_selection import held_out_rivals
-from impedance_modules.diagnosis.model_selection.forward_selection import LACKING
-from impedance_modules.diagnosis.model_selection.held_out_rivals import with_likelier_rivals
+from impedance_modules.diagnosis.model_selection.held_out_rivals import LACKING, with_likelier_rivals
 from impedance_modules.diagnosis.model_selection.rivals import DECIDED
 
 

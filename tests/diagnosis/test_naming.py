@@ -18,7 +18,6 @@ from impedance_modules.diagnosis.model_selection.naming import (
     rejected_by_motion,
     rejection,
     without_causes,
-    without_negligible,
     without_uncertain,
     without_unconfirmed,
     without_weightless,
@@ -100,24 +99,6 @@ def test_beside_pushes_that_make_all_of_the_gap_nothing_is_named() -> None:
     found, notes = without_unconfirmed(replace(beside, pushed_share=1.0))
     assert named(found) == []
     assert [note.split(": ")[-1] for note in notes] == ["pushes make all of the gap"] * 2
-
-
-@pytest.mark.parametrize(("left", "kept"), [(0.0, True), (94.9, True), (95.1, False), (120.0, False)])
-def test_causes_that_hardly_explain_the_gap_together_are_not_named(left: float, kept: bool) -> None:
-    """Of a hundred that the recordings show; fitted beside them, links' numbers may do more harm than they help."""
-    found = SimpleNamespace(pushes=(), model_fit=SimpleNamespace(model=[term("spring"), term("friction")]))
-    found.whitened_excess = lambda fit: 100.0 if fit is None else left
-    if kept:
-        assert without_negligible(found) == (found, ())
-        return
-    beside = held_out(spring=0.9, friction=0.3)
-    beside = replace(beside, excess={True: 100.0, False: left})
-    bare, notes = without_negligible(beside)
-    assert named(bare) == []
-    part = "4.9" if left < 100.0 else "0"
-    assert [note.split(": ")[-1] for note in notes] == [
-        f"all causes together explain {part} % of the gap"
-    ] * 2
 
 
 def cause(effect: str, verdict: str | None, port: str = "link") -> SimpleNamespace:

@@ -40,7 +40,7 @@ def trial(key: str = "elbow", change: np.ndarray | None = None, **more: object) 
         layout=SimpleNamespace(scale=np.full(len(own), 2.0)), shaped=SimpleNamespace(shape={}, size=len(own)),
     )  # fmt: skip
     given = {
-        "term": term, "coefficients": np.array([own, own]) * 2.0, "outside": False, "discord": 0.0,
+        "term": term, "coefficients": np.array([own, own]) * 2.0, "outside": False,
         "model_fit": SimpleNamespace(
             model=(), starts=(), fitted=(),
             design=SimpleNamespace(groups=(("link", 0),), nuisance=SimpleNamespace(size=0)),
@@ -52,7 +52,7 @@ def trial(key: str = "elbow", change: np.ndarray | None = None, **more: object) 
 
 
 def rules(**bodies: np.ndarray) -> Plausibility:
-    return Plausibility(signals=None, bodies=bodies, reach=1.0, pairs=(), resolution=0.0, slow=0.25)
+    return Plausibility(signals=None, bodies=bodies, pairs=(), resolution=0.0, slow=0.25)
 
 
 def test_what_has_nothing_against_it_is_plausible() -> None:
@@ -78,16 +78,12 @@ def test_no_body_has_negative_mass() -> None:
     ("numbers", "reason"),
     [
         ({"outside": True}, "end of what is physical"),
-        ({"key": "log", "discord": 0.31}, "end of what is physical"),
-        ({"key": "log", "discord": 0.29}, None),
         ({"effect": effect(unresolved=lambda shape, resolution: "too fine")}, "too fine"),
-        ({"effect": effect(out_of_reach=lambda c, spread, reach: f"{c[0]} {spread[0]} {reach}")}, "1.0 0.5 1.0"),
         ({"effect": effect(relations=lambda values: ("against each other", "second"))}, "against each other"),
     ],
 )  # fmt: skip
-def test_each_reason_rejects_by_itself(numbers: dict, reason: str | None) -> None:
-    said = rules().unphysical(trial(**numbers))
-    assert said is None if reason is None else reason in str(said)
+def test_each_reason_rejects_by_itself(numbers: dict, reason: str) -> None:
+    assert reason in str(rules().unphysical(trial(**numbers)))
 
 
 def law(name: str, joint: str = "elbow", port: str = "link") -> SimpleNamespace:
@@ -103,32 +99,6 @@ def test_a_law_of_friction_that_contains_another_one_excludes_it() -> None:
     assert not contains(law("stribeck_friction"), law("coulomb_friction", "elbow", "actuator"))
     assert not contains(law("stribeck_friction"), law("viscous_friction"))
     assert not contains(law("coulomb_friction"), law("coulomb_friction"))
-
-
-@pytest.mark.parametrize(
-    ("own", "other", "cancel"),
-    [(1.0, -1.0, True), (1.0, -0.51, True), (1.0, -0.49, False), (-0.51, 1.0, True), (1.0, 1.0, False)],
-)
-def test_constant_parts_that_take_each_other_back_are_none(own: float, other: float, cancel: bool) -> None:
-    def with_constant(name: str, value: float, groups: tuple[int, ...] = (0,)) -> SimpleNamespace:
-        found = effect(constant_part="c", values=lambda change, shape, site: {"c": float(change[0])})
-        candidate = SimpleNamespace(effect=found, key="elbow", port="link", site=lambda signals: None)
-        layout, shaped = SimpleNamespace(scale=np.array([2.0])), SimpleNamespace(shape={}, size=1)
-        return SimpleNamespace(
-            key=(name, "elbow", "link"), candidate=candidate, groups=groups, layout=layout, shaped=shaped
-        )
-
-    def judged(there: SimpleNamespace) -> bool:
-        fit = SimpleNamespace(
-            model=(there,), starts=(1,), design=SimpleNamespace(groups=(("link", 0), ("link", 1)))
-        )
-        sample = SimpleNamespace(own=np.array([2.0 * own]), beside=np.array([9.0, 2.0 * other]))
-        one = SimpleNamespace(term=with_constant("offset", own), model_fit=fit, in_sample=sample)
-        return plausibility._constant_parts_cancel(one, None)
-
-    assert judged(with_constant("asymmetry", other)) is cancel
-    assert not judged(with_constant("asymmetry", other, (1,)))
-    assert not judged(with_constant("offset", other))
 
 
 def ranked(names: str, left: dict[str, float]) -> list[tuple[str, float]]:

@@ -163,7 +163,6 @@ def test_what_other_causes_hold_is_no_rival(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(rivals, "contains", lambda rival, own: rival.term.candidate.effect.id == "larger")
     monkeypatch.setattr(rivals, "promising", lambda ranked, count: ranked)
     monkeypatch.setattr(rivals, "try_term", lambda model_fit, own: SimpleNamespace(term=own))
-    monkeypatch.setattr(rivals, "both_delay_torque", lambda own, found: False)
     asked: list[float] = []
 
     def as_good(own: SimpleNamespace, rival: SimpleNamespace, lead: object, decided: float) -> bool:

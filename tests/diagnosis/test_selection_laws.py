@@ -7,14 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.stats import ttest_rel
 
 from impedance_modules.diagnosis.model_selection.candidate_trial import (
     CandidateTrial,
     TermProducts,
     add_to_fit,
-    losses,
-    significance,
     term_products,
     try_term,
 )
@@ -140,76 +137,6 @@ def test_a_mean_coefficient_outside_its_bounds_is_seen() -> None:
         shaped = replace(term.shaped, lower=mean + lower, upper=mean + upper)
         moved = replace(term, layout=replace(term.layout, shaped=shaped))
         assert replace(trial, term=moved).outside is outside
-
-
-def test_joints_that_agree_are_told_from_joints_that_do_not() -> None:
-    """One column of two actuators' groups: the same number in both, or opposite ones."""
-    one = layout(("clock", "log", "timing"), {0: 0, 1: 0}, 1)
-    for sign, most, least in ((1.0, 0.1, -1.0), (-0.5, np.inf, 1.0)):
-        design = random_design(np.random.default_rng(5), [one])
-        y = [list(found) for found in design.y]
-        for r, X in enumerate(design.X):
-            y[r][0] = y[r][0] + 2.0 * X[0][:, 0]
-            y[r][1] = y[r][1] + 2.0 * sign * X[1][:, 0]
-        rows = tuple(tuple(found) for found in y)
-        design = replace(design, y=rows, raw=rows)
-        trial = try_term(fitted(design), term_of(design, one))
-        assert least < trial.discord < most
-    assert try_term(*sample(0)).discord == 0.0
-
-
-def test_discord_is_what_separate_numbers_gain_less_what_they_cost() -> None:
-    one = layout(("clock", "log", "timing"), {0: 0, 2: 0}, 1)
-    design = with_cause(random_design(np.random.default_rng(6), [one]), one, [1.5])
-    model_fit = fitted(design)
-    term = term_of(design, one)
-    left = {r: model_fit.residuals(model_fit.whole.coefficients, r) for r in model_fit.fitted}
-
-    def apart(groups: tuple[int, ...]) -> float:
-        right = np.array(
-            [model_fit.weights[g] * sum(term.columns[r][g][:, 0] @ left[r][g] for r in left) for g in groups]
-        )
-        own = np.array(
-            [model_fit.weights[g] * sum(float(np.sum(term.columns[r][g] ** 2)) for r in left) for g in groups]
-        )
-        common = right.sum() ** 2 / own.sum()
-        return float((np.sum(right**2 / own) - len(groups) - common) / common)
-
-    # A link's own errors would need a number of their own: only the actuator's group counts.
-    assert try_term(model_fit, term).discord == pytest.approx(apart((2,)), rel=1e-9)
-
-
-@SEEDS
-def test_significance_is_that_of_paired_differences(seed: int) -> None:
-    random = np.random.default_rng(seed)
-    better, worse = random.random(30), random.random(30) + 0.3
-    assert significance(better, worse) == pytest.approx(ttest_rel(worse, better).statistic)
-    assert significance(better, better) == 0.0
-    assert significance(better[:1], worse[:1]) == 0.0
-
-
-def test_losses_are_weighted_squares_in_blocks_of_a_second() -> None:
-    model_fit, _ = sample(0)
-    model_fit.weights = np.array([1.0, 2.0, 5.0])
-    found = losses(model_fit, model_fit.unseen, [0, 2])
-    explicit = []
-    for left in model_fit.unseen.values():
-        total = left[0] ** 2 + 5.0 * left[2] ** 2
-        whole = len(total) // 20
-        blocks = [total[20 * k : 20 * (k + 1)].sum() for k in range(whole)]
-        blocks[-1] = total[20 * (whole - 1) :].sum()
-        explicit += blocks
-    assert found == pytest.approx(explicit)
-
-
-def test_a_trials_advantage_is_judged_where_it_acts() -> None:
-    model_fit, term = sample(1)
-    trial, other = try_term(model_fit, term), try_term(model_fit, term_of(model_fit.design, STEADY))
-    groups = term.groups
-    own = losses(model_fit, trial.unseen, groups)
-    assert trial.advantage(None) == significance(own, losses(model_fit, model_fit.unseen, groups))
-    assert trial.advantage(other) == significance(own, losses(model_fit, other.unseen, groups))
-    assert trial.advantage(None) > 3.0 and trial.advantage(trial) == 0.0
 
 
 def test_what_a_candidate_drives_out_of_its_bounds_is_named() -> None:

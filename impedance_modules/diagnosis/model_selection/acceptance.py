@@ -14,14 +14,6 @@ from impedance_modules.diagnosis.regression.design_matrix import ColumnLayout
 SAME_REACH = 0.95
 """Candidates that explain this part of what the best one does are as good; the one with the lower penalty is taken."""
 
-ALMOST_ALL = 0.99
-"""Part of what a candidate explains that another must explain to be taken before it for what it is: a body that is
-heavier in proportion before a thing at a place of its own (near its centre a link's errors make up for the penalty of
-the place), a law of the motion before what follows the tracking error."""
-
-RICHER = 4.0
-"""Log-likelihood, less its penalty, by which a law must beat a simpler one that it contains [nats]."""
-
 BIC_MIN = 15.0
 """Least improvement of the Bayesian information criterion."""
 
@@ -30,9 +22,6 @@ SPECIFIC = 8.0
 
 SPREAD, NARROW = 0.3, 0.95
 """An effect of which more than this part falls on other joints must not gain more than that part on one."""
-
-DISCORD_MAX = 0.3
-"""What separate numbers for the joints may gain over one for all, as a part of what that one gains."""
 
 HARM_MAX = 0.15
 """Part of what it gains on some recordings that a cause may lose on others."""
@@ -60,27 +49,12 @@ def promising(entries: Sequence[ScreenedCandidate], most: int) -> list[ColumnLay
 
 
 def by_merit(trials: Sequence[CandidateTrial]) -> list[CandidateTrial]:
-    """Sorts trials by what they explain; of those that explain the same, the one with the lowest penalty.
-
-    A law that contains a simpler one on the same joint comes before it only where it is clearly better. A controller
-    answers any disturbance with a tracking error that looks like it: what follows the error comes after the laws of the
-    motion that explain the same.
-    """
+    """Sorts trials by what they explain; of those that explain the same, the likeliest one by its penalty first."""
     left = sorted(trials, key=lambda item: -item.reach)
     out: list[CandidateTrial] = []
     while left:
         near = [item for item in left if item.reach >= SAME_REACH * left[0].reach]
         chosen = max(near, key=penalised_gain, default=left[0])
-        simpler = [
-            item
-            for item in near
-            if _within(item, chosen) and penalised_gain(item) > penalised_gain(chosen) - RICHER
-        ]
-        chosen = max(simpler, key=penalised_gain, default=chosen)
-        disturbing = [item for item in near if _moves_the_error(item, chosen)]
-        chosen = max(disturbing, key=penalised_gain, default=chosen)
-        heavier = [item for item in near if _in_proportion(item, chosen)]
-        chosen = max(heavier, key=penalised_gain, default=chosen)
         out.append(chosen)
         left.remove(chosen)
     return out
@@ -89,8 +63,7 @@ def by_merit(trials: Sequence[CandidateTrial]) -> list[CandidateTrial]:
 def both_delay_torque(one: CandidateTrial, other: CandidateTrial) -> bool:
     """Whether both delay one joint's torque, by two different laws.
 
-    The two differ in the second order of their time alone: they are compared at their own best times only, and told
-    apart by a clear difference only.
+    The two differ in the second order of their time alone: they are compared at their own best times.
     """
     terms = one.term, other.term
     return (
@@ -137,46 +110,11 @@ def rejection_reason(trial: CandidateTrial, generic: Sequence[CandidateTrial]) -
             "it should show on several joints and helps on one alone",
         ),
         (
-            joints_disagree(trial),
-            "the joints do not agree on it, and it is one number for all",
-        ),
-        (
             any(_does_better(rival, trial) for rival in generic),
             "a generic smooth function of the same signals does better: not specific",
         ),
     )
     return next((reason for holds, reason in checks if holds), None)
-
-
-def joints_disagree(trial: CandidateTrial) -> bool:
-    """Whether the joints' own numbers differ where one number is to hold for all."""
-    return trial.term.candidate.key == "log" and trial.discord > DISCORD_MAX
-
-
-def _within(one: CandidateTrial, other: CandidateTrial) -> bool:
-    """Whether a law is a special case of another one on the same joint."""
-    if one.term.generic or other.term.generic or one.term.key[1:] != other.term.key[1:]:
-        return False
-    less, more = (set(trial.term.candidate.effect.description.symbols) for trial in (one, other))
-    return less < more
-
-
-def _moves_the_error(one: CandidateTrial, other: CandidateTrial) -> bool:
-    """Whether one is a law of the motion on the same joint where the other follows its tracking error."""
-    if one.term.generic or other.term.generic or one.term.key[1] != other.term.key[1]:
-        return False
-    after, before = (item.term.candidate.effect.of_tracking_error for item in (other, one))
-    return after and not before and one.reach >= ALMOST_ALL * other.reach
-
-
-def _in_proportion(one: CandidateTrial, other: CandidateTrial) -> bool:
-    """Whether one is a body's weight in proportion, and does as well as another change of that body."""
-    if one.term.generic or other.term.generic or one.term.key[1] != other.term.key[1]:
-        return False
-    keys = [trial.term.candidate.effect.description.keys for trial in (one, other)]
-    if not all("body" in key for key in keys) or one.term.layout.free > 1 or other.term.layout.free <= 1:
-        return False
-    return one.reach >= ALMOST_ALL * other.reach
 
 
 def _does_better(rival: CandidateTrial, trial: CandidateTrial) -> bool:

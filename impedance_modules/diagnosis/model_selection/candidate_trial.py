@@ -27,22 +27,9 @@ from impedance_modules.diagnosis.regression.model_fit import (
     ModelTerm,
     squares_by_fold,
 )
-from impedance_modules.effects.residual_kinds import uses_motion
-
-BLOCK = 1.0
-"""Length of the blocks over which a gain is averaged and its error judged [s]."""
 
 HeldOutResiduals = Mapping[int, Sequence[Array]]
 """Recording -> group -> (M,) residual by a fit that has not seen the recording's fold."""
-
-
-def significance(better: Array, worse: Array) -> float:
-    """Mean difference of two models' block losses over its standard error."""
-    difference = worse - better
-    spread = float(difference.std(ddof=1)) if len(difference) > 1 else 0.0
-    if spread == 0.0:
-        return 0.0
-    return float(difference.mean() / (spread / np.sqrt(len(difference))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,29 +115,6 @@ class CandidateTrial:
         total = float(power.sum())
         return 1.0 - float(power.max()) / total if total > 0.0 else 0.0
 
-    @cached_property
-    def discord(self) -> float:
-        """By how much more it would gain if every group had its own number, over what it gains with one for all.
-
-        Groups without the links' inertias are preferred: in the others each link's own error of a few percent
-        would need a number of its own.
-        """
-        if self.term.shaped.size != 1:
-            return 0.0
-        groups = self.model_fit.design.groups
-        free = [g for g in self.term.groups if not uses_motion(groups[g][0])] or self.term.groups
-        right, own = np.zeros(len(groups)), np.zeros(len(groups))
-        for r in self.model_fit.fitted:
-            left = self.model_fit.left_of(r)
-            for g in free:
-                block = self.term.columns[r][g]
-                right[g] += self.model_fit.weights[g] * float(block[:, 0] @ left[g])
-                own[g] += self.model_fit.weights[g] * float(block[:, 0] @ block[:, 0])
-        shown = own > 1e-9
-        common = float(right[shown].sum() ** 2 / max(own[shown].sum(), 1e-9))
-        apart = float(np.sum(right[shown] ** 2 / own[shown])) - float(shown.sum())
-        return (apart - common) / max(common, 1e-9)
-
     @property
     def outside(self) -> bool:
         """Whether its coefficients leave their bounds: their mean over the folds, or those of all recordings."""
@@ -165,28 +129,6 @@ class CandidateTrial:
     def reach_on(self, groups: Sequence[int]) -> float:
         """Residual power that it explains in some groups."""
         return float(self.powers[list(groups)].sum())
-
-    def advantage(self, rival: CandidateTrial | None) -> float:
-        """Standard errors by which its held-out losses lie below a rival's, or below the model's own.
-
-        Both are judged where this candidate acts.
-        """
-        other = self.model_fit.unseen if rival is None else rival.unseen
-        groups = self.term.groups
-        return significance(
-            losses(self.model_fit, self.unseen, groups), losses(self.model_fit, other, groups)
-        )
-
-
-def losses(model_fit: ModelFit, unseen: HeldOutResiduals, groups: Sequence[int]) -> Array:
-    """Weighted held-out squares of some groups, in blocks of time, (blocks,)."""
-    size = max(2, round(BLOCK * model_fit.design.rate))
-    out = []
-    for left in unseen.values():
-        total = np.sum([left[g] ** 2 * model_fit.weights[g] for g in groups], axis=0)
-        starts = np.arange(0, max(len(total) - size + 1, 1), size)
-        out.append(np.add.reduceat(total, starts))
-    return np.concatenate(out)
 
 
 def try_term(model_fit: ModelFit, term: ModelTerm) -> CandidateTrial:

@@ -31,9 +31,6 @@ EXPLAINED_MIN, WEAK_FLOOR_LIMIT = 0.25, 6.0
 would let pass; where a remainder is left, the verdict is ambiguous only if it passes by its power. The second is the
 limit of residual power over noise where no repeats measure the noise."""
 
-MINOR_PART = 0.1
-"""Rivals at a joint with less than this part of the effect's largest weight at one joint are left out."""
-
 
 def conclude(
     evidence: Evidence, causes: tuple[Cause, ...], model: NominalModel, report: DataReport
@@ -275,21 +272,12 @@ def _range(evidence: Evidence, candidate: Candidate, quantity: str) -> Mapping[s
 
 
 def _merge(one: Cause, other: Cause) -> Cause:
-    most = max(one.weight, other.weight)
     return replace(
         one,
         joints=tuple(dict.fromkeys([*one.joints, *other.joints])),
         parameters={**one.parameters, **other.parameters},
         weight=one.weight + other.weight,
-        # Rivals at a joint with hardly any effect do not count for the others.
-        equivalent=tuple(
-            dict.fromkeys(
-                rival
-                for cause in (one, other)
-                if cause.weight >= MINOR_PART * most
-                for rival in cause.equivalent
-            )
-        ),
+        equivalent=tuple(dict.fromkeys([*one.equivalent, *other.equivalent])),
         rivals=tuple(dict.fromkeys([*one.rivals, *other.rivals])),
         position_range={**one.position_range, **other.position_range},
         velocity_range={**one.velocity_range, **other.velocity_range},

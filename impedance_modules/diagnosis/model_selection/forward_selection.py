@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Stage 5, forward selection: one cause is accepted at a time, or a pair; each must pass on unseen recordings.
-
-A pair is tried where no single candidate passes: two causes on one joint (friction of its own and a coupled motor)
-may each be fitted to what the other does, and fail alone.
-"""
+"""Stage 5, forward selection: one cause is accepted at a time; each must pass on unseen recordings."""
 
 from __future__ import annotations
 
@@ -12,7 +8,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from impedance_modules.diagnosis.model_selection.acceptance import (
-    ALMOST_ALL,
     BIC_MIN,
     best_of_each,
     both_delay_torque,
@@ -25,14 +20,11 @@ from impedance_modules.diagnosis.model_selection.backward_elimination import eli
 from impedance_modules.diagnosis.model_selection.candidate_trial import CandidateTrial, try_term
 from impedance_modules.diagnosis.model_selection.geared_start import geared_start_model
 from impedance_modules.diagnosis.model_selection.plausibility import Plausibility
-from impedance_modules.diagnosis.model_selection.screening import ScreenedCandidate, Screening
+from impedance_modules.diagnosis.model_selection.screening import Screening
 from impedance_modules.diagnosis.regression.design_matrix import ColumnLayout, Design
 from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm, term_of
 from impedance_modules.diagnosis.regression.parameter_estimates import beyond_simpler
 from impedance_modules.diagnosis.regression.shape_refinement import ShapeRefiner
-
-RejectionReason = Callable[[CandidateTrial], str | None]
-Best = Callable[[Sequence[ScreenedCandidate], int], list[ScreenedCandidate]]
 
 CAUSES_MAX = 30
 """More are not looked for."""
@@ -52,11 +44,8 @@ REFINED = 4
 GENERIC_TRIED = 6
 """Generic regressors that are tried beside them."""
 
-FIRST, SECOND = 16, 4
-"""Candidates that are assumed in turn, and partners that are tried beside each."""
-
-LACKING = 3.0
-"""Residual power over noise above which a group is not understood and worth a search for pairs."""
+ALMOST_ALL = 0.99
+"""Part of what a law explains that a simpler one must explain to take its place."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,21 +124,15 @@ class Selector:
     def _add_causes(
         self, model: list[ModelTerm], progress: Callable[[str], None]
     ) -> tuple[list[ModelTerm], Refusal | None]:
-        """Accepts one cause, or a pair, at a time; each new one may exchange those beside it."""
+        """Accepts one cause at a time; each new one may exchange those beside it."""
         refusal: Refusal | None = None
         while len(model) < CAUSES_MAX:
             model_fit = self.model_fit(model)
             found, refusal = self._next(model_fit)
-            more = (
-                (found,)
-                if found
-                else find_pair(self.screen, model_fit, self.model_fit, best_of_each, self.rejection_reason)
-            )
-            if more is None:
+            if found is None:
                 break
-            model = [*model, *more]
-            progress(f"found {' and '.join(f'{term.key[0]} on {term.key[1]}' for term in more)}")
-            model = self._exchange(model)
+            progress(f"found {found.key[0]} on {found.key[1]}")
+            model = self._exchange([*model, found])
         return model, refusal
 
     def trial(self, model_fit: ModelFit, layout: ColumnLayout) -> CandidateTrial:
@@ -270,43 +253,6 @@ class Selector:
         exchanged = ahead > (0.0 if simpler else BIC_MIN) and self.rejection_reason(better) is None
         chosen = better.term if exchanged else self.refiner.refine(model_fit, term)
         return [*model[:index], chosen, *model[index + 1 :]]
-
-
-def find_pair(
-    screen: Screening,
-    model_fit: ModelFit,
-    make: Callable[[Sequence[ModelTerm]], ModelFit],
-    best: Best,
-    rejection_reason: RejectionReason,
-) -> tuple[ModelTerm, ModelTerm] | None:
-    """Finds two candidates of which each passes beside the other.
-
-    Args:
-        screen: Ranks the candidates before they are tried.
-        model_fit: The model that no single candidate betters.
-        make: Fits a model.
-        best: The best physical shape of each candidate.
-        rejection_reason: Why a trial is rejected; None if it passes.
-    """
-    lacking = model_fit.left / model_fit.counts > LACKING
-    firsts = [
-        entry for entry in best(screen.rank(model_fit), 4 * FIRST) if lacking[list(entry.layout.groups)].any()
-    ]
-    for first in firsts[:FIRST]:
-        one = term_of(model_fit.design, first.layout)
-        beside = make([*model_fit.model, one])
-        near = [
-            entry
-            for entry in best(screen.rank(beside), 2 * SECOND)
-            if set(entry.layout.groups) & set(one.groups)
-        ]
-        for second in near[:SECOND]:
-            other = term_of(model_fit.design, second.layout)
-            if rejection_reason(try_term(beside, other)) is not None:
-                continue
-            if rejection_reason(try_term(make([*model_fit.model, other]), one)) is None:
-                return one, other
-    return None
 
 
 def _moves(term: ModelTerm) -> bool:

@@ -15,10 +15,12 @@ import numpy as np
 from impedance_modules.diagnosis.model_selection.acceptance import best_of_each
 from impedance_modules.diagnosis.model_selection.candidate_trial import try_term
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
-from impedance_modules.diagnosis.model_selection.forward_selection import LACKING
 from impedance_modules.diagnosis.model_selection.rivals import ASKED, DECIDED, lead_of, refit
 from impedance_modules.diagnosis.regression.model_fit import ModelTerm
 from impedance_modules.diagnosis.regression.parameter_estimates import correlation_surplus
+
+LACKING = 3.0
+"""Power over noise beyond which a group of the held-out recordings is not understood."""
 
 
 def with_likelier_rivals(evidence: Evidence) -> tuple[Evidence, tuple[str, ...]]:

@@ -111,26 +111,6 @@ def without_weightless(evidence: Evidence) -> tuple[Evidence, tuple[str, ...]]:
         evidence = _without(evidence, [term])
 
 
-def without_negligible(evidence: Evidence) -> tuple[Evidence, tuple[str, ...]]:
-    """Leaves out all terms if together they explain less than a twentieth of the held-out gap.
-
-    Each may be of use where it acts, while the links' numbers that were fitted beside it do harm elsewhere.
-
-    Returns:
-        The evidence without them, and a sentence for each.
-    """
-    model, before = evidence.model_fit.model, evidence.whitened_excess(None)
-    left = evidence.whitened_excess(evidence.model_fit)
-    if not model or evidence.pushes or left <= (1.0 - SHARE_THAT_MATTERS) * before:
-        return evidence, ()
-    part = max(0.0, 1.0 - left / before) if before > 0.0 else 0.0
-    notes = tuple(
-        f"not named: {term.candidate.name}: all causes together explain {100.0 * part:.2g} % of the gap"
-        for term in model
-    )
-    return _without(evidence, model), notes
-
-
 def without_uncertain(evidence: Evidence) -> tuple[Evidence, tuple[str, ...]]:
     """Leaves out terms whose numbers may be chance once others have been left out, the least first.
 

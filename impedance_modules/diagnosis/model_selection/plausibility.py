@@ -10,23 +10,15 @@ import numpy as np
 
 from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.rigid_tree import can_exist
-from impedance_modules.diagnosis.model_selection.acceptance import joints_disagree
 from impedance_modules.diagnosis.model_selection.candidate_trial import CandidateTrial
 from impedance_modules.diagnosis.model_selection.instruments import SLOW, comes_back, holds_when_slow
 from impedance_modules.diagnosis.regression.model_fit import PRIOR_MAX, ModelTerm
 from impedance_modules.diagnosis.regression.noise_floor import repeat_pairs
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.effects.recorded_signals import Signals
-from impedance_modules.effects.residual_kinds import EFFORT_SIGN
 
 CONTRAST_MIN = 12.0
 """Least chi-square of what makes an effect this effect: three and a half standard deviations of one number."""
-
-FAR = 1.5
-"""Farthest place of a load on a link, over the robot's longest link."""
-
-CANCELLED_MAX = 0.5
-"""Part of one constant torque that another on the same joint may cancel."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +28,6 @@ class Plausibility:
     Attributes:
         signals: Of one recording, for the model behind them.
         bodies: Link -> (10,) its inertial parameters.
-        reach: Farthest place of a load on a link [m].
         pairs: Recordings that repeat each other.
         resolution: Grid of the position sensors, or their noise where none is stated [rad].
         slow: Frequency up to which a motion is slow [cycles per row].
@@ -44,7 +35,6 @@ class Plausibility:
 
     signals: Signals
     bodies: Mapping[str, Array]
-    reach: float
     pairs: Sequence[tuple[int, int]]
     resolution: float
     slow: float
@@ -52,13 +42,10 @@ class Plausibility:
     @classmethod
     def of(cls, prepared: Sequence[Prepared], fitted: Sequence[int], resolution: float) -> Plausibility:
         """Reads it off recordings, of which some are fitted."""
-        bodies = prepared[0].tree.bodies
         band = prepared[0].band
-        longest = max(float(np.linalg.norm(body.translation)) for body in bodies)
         return cls(
             signals=prepared[0].signals,
-            bodies={body.link: body.inertia for body in bodies},
-            reach=FAR * longest or float("inf"),
+            bodies={body.link: body.inertia for body in prepared[0].tree.bodies},
             pairs=repeat_pairs(prepared, fitted),
             resolution=resolution,
             slow=SLOW * band.cutoff * band.step / band.rate,
@@ -71,7 +58,7 @@ class Plausibility:
         return self.unphysical(trial)
 
     def unphysical(self, trial: CandidateTrial) -> str | None:
-        """Why a trial's numbers cannot be: too fine to be seen, against each other, no body's, or beyond bounds."""
+        """Why a trial's numbers cannot be: too fine to be seen, no body's, or beyond bounds."""
         checks: tuple[tuple[Callable[[], bool], str], ...] = (
             (
                 lambda: any(_contains_law(other, trial.term) for other in trial.model_fit.model),
@@ -90,11 +77,7 @@ class Plausibility:
                 "beside it links, weights or stamps would be further off than anything stated allows",
             ),
             (
-                lambda: _constant_parts_cancel(trial, self.signals),
-                "an offset and an asymmetry on one joint take each other back wherever it moves",
-            ),
-            (
-                lambda: trial.outside or joints_disagree(trial),
+                lambda: trial.outside,
                 "its parameters are at the end of what is physical, or beyond",
             ),
         )
@@ -107,10 +90,7 @@ class Plausibility:
         change = trial.coefficients.mean(axis=0) / term.layout.scale
         if body is not None and len(change) == len(body) and not can_exist(body, change):
             return "no body has such an inertia: its mass would be negative somewhere"
-        spread = trial.in_sample.spread / term.layout.scale
-        reason = effect.unresolved(term.shaped.shape, self.resolution) or effect.out_of_reach(
-            change, spread, self.reach
-        )
+        reason = effect.unresolved(term.shaped.shape, self.resolution)
         values = effect.values(change, term.shaped.shape, term.candidate.site(self.signals))
         return reason or next(iter(effect.relations(values)), None)
 
@@ -138,26 +118,3 @@ def _contains_law(one: ModelTerm, other: ModelTerm) -> bool:
         return False
     more, less = (set(law.description.symbols) for law in laws)
     return more > less
-
-
-def _constant_parts_cancel(trial: CandidateTrial, signals: Signals) -> bool:
-    """Whether the constant parts of two effects on one joint cancel, but where the joint is at rest.
-
-    An asymmetry of dry friction is an offset wherever the joint moves.
-    """
-    term, model_fit = trial.term, trial.model_fit
-    for other, start in zip(model_fit.model, model_fit.starts, strict=False):
-        shared = set(term.groups) & set(other.groups)
-        parts = [one.candidate.effect.constant_part for one in (term, other)]
-        if term.key[0] == other.key[0] or None in parts or not shared:
-            continue
-        sizes: list[float] = []
-        for one, coefficients in ((term, trial.in_sample.own), (other, trial.in_sample.beside[start:])):
-            own = coefficients[: one.shaped.size] / one.layout.scale
-            candidate = one.candidate
-            found = candidate.effect.values(own, one.shaped.shape, candidate.site(signals))
-            read = EFFORT_SIGN[model_fit.design.groups[min(shared)][0]] if candidate.port == "sensor" else 1.0
-            sizes.append(read * found[str(candidate.effect.constant_part)])
-        if abs(sum(sizes)) < CANCELLED_MAX * max(map(abs, sizes)):
-            return True
-    return False

@@ -17,7 +17,6 @@ from impedance_modules.diagnosis.model_selection.naming import (
     rejection,
     terms_of,
     without_causes,
-    without_negligible,
     without_unconfirmed,
     without_weightless,
 )
@@ -71,7 +70,6 @@ class RepeatedSearch:
         evidence, unneeded = without_unconfirmed(evidence)
         evidence, exchanged = with_likelier_rivals(evidence)
         evidence, weightless = without_weightless(evidence)
-        evidence, negligible = without_negligible(evidence)
         pushed = push_notes(evidence.pushes, self._prepared)
         return evidence, (
             *pushed,
@@ -80,5 +78,4 @@ class RepeatedSearch:
             *unneeded,
             *exchanged,
             *weightless,
-            *negligible,
         )

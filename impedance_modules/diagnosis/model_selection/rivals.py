@@ -12,7 +12,6 @@ import numpy as np
 from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.model_selection.acceptance import (
     bic_penalty,
-    both_delay_torque,
     penalised_gain,
     promising,
 )
@@ -31,13 +30,6 @@ ASKED = 20
 DECIDED = 5.0
 """Penalised log-likelihood by which a cause must lie ahead of a rival [nats]: odds of 150 to one, very strong evidence
 (Kass & Raftery 1995), of samples that are independent."""
-
-DELAYS_SIGMA = 3.0
-"""Standard errors by which a delay must lie ahead of a lag, or a lag of a delay ..."""
-
-DELAYS_DECIDED = 7.5
-"""... and log-likelihood, too [nats]."""
-
 
 Likelihood = Callable[[ModelFit], Array]
 """(groups,) log-likelihood of held-out recordings under a model that was fitted without them [nats]."""
@@ -85,8 +77,7 @@ def judge_rivals(
         for layout in promising(selector.screen.rank(model_fit), ASKED)
         if layout.shaped.key not in held | {term.key}
     ]
-    for found in selector.refined(model_fit, [selector.trial(model_fit, layout) for layout in asked]):
-        rival = selector.moved(model_fit, found) if both_delay_torque(own, found) else found
+    for rival in selector.refined(model_fit, [selector.trial(model_fit, layout) for layout in asked]):
         candidate = rival.term.candidate
         other = not same_name(candidate, term.candidate)
         reason = _lost(selector, own, rival, lead, decided)
@@ -161,9 +152,6 @@ def _equal(own: CandidateTrial, rival: CandidateTrial, lead: Lead, decided: floa
     mine, its = own.reach_on(groups), rival.reach_on(groups)
     if mine <= 0.0 or (contains(rival, own) and not _alone(rival, own)):
         return False
-    if both_delay_torque(own, rival):
-        ahead = own.advantage(rival) >= DELAYS_SIGMA
-        return not (ahead and own.gain - rival.gain > DELAYS_DECIDED)
     return its > 0.0 and penalised_gain(rival) > 0.0 and lead(rival) < decided
 
 
