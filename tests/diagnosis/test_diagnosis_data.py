@@ -189,6 +189,20 @@ def test_spoiled_recordings_are_refused_with_the_reason(tmp_path, urdf, case):
     refused(urdf, [save(tmp_path, "run0", data, **about), *others], words, code)
 
 
+def test_radians_beyond_a_model_s_narrow_limits_are_taken_where_the_torques_agree_with_them(tmp_path, urdf):
+    """A tenth of the range is stated; beside torques that do not fit, the same numbers may be degrees."""
+    urdf.write_text(URDF.replace('lower="-3" upper="3"', 'lower="-0.3" upper="0.3"'))
+    paths = good(tmp_path)
+    _, report = admitted(urdf, *paths)
+    told = [line for line in report.warnings if "position.elbow reaches" in line]
+    assert len(told) == 3
+    assert all("in the model: taken as it is" in line for line in told)
+    data = columns(0)
+    for name in EFFORTS:
+        data[name] = np.random.default_rng(0).normal(size=len(data["time"]))
+    refused(urdf, [save(tmp_path, "noise", data), *paths[1:]], "Is it in degrees?")
+
+
 def test_rows_that_were_written_twice_are_left_out(tmp_path, urdf):
     """The same stamp and the same readings are one row; the same stamp with other readings is a fault."""
     once = columns(0)

@@ -88,7 +88,7 @@ def admit(episodes: Sequence[Episode], model: NominalModel) -> tuple[tuple[Log, 
     logs = [unwrapped(log, model, warnings) for log, _ in found]
     refuse_copies(logs)
     for log in logs:
-        refuse_faulty_channels(log, model)
+        refuse_faulty_channels(log, model, warnings)
     if len({log.effort_source for log in logs} - {None}) > 1:
         raise BadInput("the recordings measure torque in different places (valid: one effort_source for all)")
     _note_missing_channels(logs, warnings)

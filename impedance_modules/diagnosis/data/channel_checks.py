@@ -41,7 +41,8 @@ TURNS_MAX = 2.0
 """Largest plausible position of a joint whose URDF states no limits [rev]."""
 
 RANGE_TOLERANCE = 1.3
-"""Positions beyond this part of half the joint range, from its middle, are refused."""
+"""Positions beyond this part of half the joint range, from its middle, are refused where no torque shows that they
+are radians."""
 
 RATE_RATIO = (0.67, 1.5)
 """Ratios of velocity to the position's rate of change that a slow filter can explain."""
@@ -67,8 +68,8 @@ BEFORE_GEAR = 0.125
 """Ratio of measured to model torque, at every joint where both correlate, below which no effect is searched."""
 
 
-def refuse_faulty_channels(log: Log, model: NominalModel) -> None:
-    """Refuses a recording whose numbers cannot mean what they claim.
+def refuse_faulty_channels(log: Log, model: NominalModel, warnings: list[str]) -> None:
+    """Refuses a recording whose numbers cannot mean what they claim; what is odd and not wrong is added to warnings.
 
     Raises:
         BadInput: A reading that is the command, a stuck channel, wrong units, a torque of the wrong sign.
@@ -76,7 +77,7 @@ def refuse_faulty_channels(log: Log, model: NominalModel) -> None:
     for reading, command in (("position", "position_command"), ("effort", "command")):
         _refuse_echo(log, model, reading, command)
     _refuse_stuck(log, model)
-    refuse_units(log, model)
+    refuse_units(log, model, warnings)
     refuse_flipped_torque(log, model)
 
 
@@ -141,7 +142,7 @@ def _refuse_stuck(log: Log, model: NominalModel) -> None:
         )
 
 
-def refuse_units(log: Log, model: NominalModel) -> None:
+def refuse_units(log: Log, model: NominalModel, warnings: list[str]) -> None:
     """Refuses numbers in another unit than they claim to have.
 
     Raises:
@@ -149,7 +150,7 @@ def refuse_units(log: Log, model: NominalModel) -> None:
     """
     _refuse_absurd(log, model)
     for index, body in enumerate(model.tree.bodies):
-        _refuse_range(log, body, log.position[:, index])
+        _refuse_range(log, model, index, warnings)
         if log.velocity is not None:
             _refuse_speed(log, body, log.position[:, index], log.velocity[:, index])
     _refuse_by_torque(log, model)
@@ -178,21 +179,39 @@ def _refuse_beyond(log: Log, model: NominalModel, name: str, values: Array | Non
     )
 
 
-def _refuse_range(log: Log, body: Body, q: Array) -> None:
-    if body.prismatic:
+def _refuse_range(log: Log, model: NominalModel, index: int, warnings: list[str]) -> None:
+    """Refuses positions far beyond a joint's range; limits of models are often narrow, so torques count more."""
+    body, reach = model.tree.bodies[index], float(np.abs(log.position[:, index]).max())
+    allowed = _most(body)
+    if body.prismatic or reach <= allowed:
         return
-    reach = float(np.abs(q).max())
-    limits = body.limits
-    allowed = TURNS_MAX * 2.0 * np.pi
-    if limits is not None and limits.upper > limits.lower:
-        middle, half = 0.5 * (limits.lower + limits.upper), 0.5 * (limits.upper - limits.lower)
-        allowed = max(abs(middle + RANGE_TOLERANCE * half), abs(middle - RANGE_TOLERANCE * half))
-    if reach > allowed:
-        looks = "which looks like degrees" if reach < 1.1 * DEGREES * allowed else "which is no angle"
-        raise BadInput(
-            f"{log.name}: position.{body.joint} reaches {reach:.4g}, {looks}: the joint's range ends at"
-            f" {allowed / RANGE_TOLERANCE:.3g} rad. Is it in degrees? (valid: rad; state 'unit: deg' in the import map)"
+    end = f"the joint's range ends at {allowed / RANGE_TOLERANCE:.3g} rad"
+    if _are_radians(log, model):
+        warnings.append(
+            f"{log.name}: position.{body.joint} reaches {reach:.4g} rad, and {end} in the model: taken as it is, since"
+            " the torques agree with radians and not with degrees"
         )
+        return
+    looks = "which looks like degrees" if reach < 1.1 * DEGREES * allowed else "which is no angle"
+    raise BadInput(
+        f"{log.name}: position.{body.joint} reaches {reach:.4g}, {looks}: {end}. Is it in degrees? (valid: rad; state"
+        " 'unit: deg' in the import map)"
+    )
+
+
+def _most(body: Body) -> float:
+    """Largest position of a joint that needs no other evidence [rad]."""
+    limits = body.limits
+    if limits is None or limits.upper <= limits.lower:
+        return TURNS_MAX * 2.0 * np.pi
+    middle, half = 0.5 * (limits.lower + limits.upper), 0.5 * (limits.upper - limits.lower)
+    return max(abs(middle + RANGE_TOLERANCE * half), abs(middle - RANGE_TOLERANCE * half))
+
+
+def _are_radians(log: Log, model: NominalModel) -> bool:
+    """Whether the torques agree with the links' weight and inertia, and far better than if positions were degrees."""
+    radians, degrees = (_unexplained_share(log, model, scale) for scale in (1.0, 1.0 / DEGREES))
+    return radians is not None and degrees is not None and radians < BETTER_UNIT * min(1.0, degrees)
 
 
 def _refuse_speed(log: Log, body: Body, q: Array, v: Array) -> None:
