@@ -16,6 +16,7 @@ from impedance_modules.diagnosis.data.encoder_grid import (
     quantisation_step,
     rounding_errors,
     steps_of,
+    torque_dither_of,
     torque_steps_of,
 )
 from impedance_modules.diagnosis.data.log import Log
@@ -119,15 +120,27 @@ def test_the_floor_of_a_slow_recording_is_higher_than_that_of_fast_repeats(resid
 
 
 @settings(max_examples=30, deadline=None)
-@given(st.floats(0.1, 3.0), st.floats(-2.0, 2.0), st.integers(0, 10_000))
-def test_the_mean_error_of_a_torque_on_a_grid_is_that_of_many_readings(step, level, seed):
-    """Read a hundred thousand times with noise of a fifth of a step."""
+@given(st.floats(0.1, 3.0), st.floats(-2.0, 2.0), st.floats(DITHER, 0.6), st.integers(0, 10_000))
+def test_the_mean_error_of_a_torque_on_a_grid_is_that_of_many_readings(step, level, dither, seed):
+    """Read a hundred thousand times with noise of a fifth of a step, or more."""
     torque = step * level
-    noise = DITHER * step * np.random.default_rng(seed).standard_normal(100_000)
+    noise = dither * step * np.random.default_rng(seed).standard_normal(100_000)
     read = step * np.round((torque + noise) / step)
-    found = mean_rounding(np.array([[torque]]), np.array([step]))[0, 0]
+    found = mean_rounding(np.array([[torque]]), np.array([step]), np.array([dither]))[0, 0]
     assert found == pytest.approx(read.mean() - torque, abs=0.02 * step)
     assert mean_rounding(np.array([[torque]]), np.zeros(1))[0, 0] == 0.0
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.floats(0.05, 3.0), st.integers(0, 10_000))
+def test_the_noise_that_dithers_a_grid_is_found(dither, seed):
+    """Over many levels of a slow torque; never less than a model's torque is known to."""
+    random, step = np.random.default_rng(seed), 0.162
+    torque = 9.7 * step * np.sin(2.0 * np.pi * 0.2 * np.arange(20_000) / 1000.0)
+    read = step * np.round((torque + dither * step * random.standard_normal(len(torque))) / step)
+    found = torque_dither_of([{"a": read, "b": read}], ["a", "b"], np.array([step, 0.0]))
+    assert found[0] == pytest.approx(max(dither, DITHER), rel=0.1)
+    assert found[1] == DITHER
 
 
 @pytest.mark.parametrize("size", [0.6, 1.4, 6.0, 200.0])
@@ -169,7 +182,9 @@ def test_a_motors_reading_is_rounded_where_its_command_was(source: str, asked: b
     links, rotor, off = random.normal(size=(3, 400, 2)) * np.array([1.0, 0.2])
     torques = {"drive": links + 0.1 * rotor + 0.05 * off, "needed": links + 0.1 * rotor, "links": links}
     signals = SimpleNamespace(drive=torques["drive"] if asked else None, motor_acceleration=rotor)
-    log = SimpleNamespace(effort_source=source, effort_steps=np.array([0.5, 0.25]))
+    log = SimpleNamespace(
+        effort_source=source, effort_steps=np.array([0.5, 0.25]), effort_dither=np.full(2, DITHER)
+    )
     model = SimpleNamespace(reflected_inertia=np.full(2, 0.1))
     found = _grid_errors(log, model, signals, links)
     np.testing.assert_allclose(found, mean_rounding(torques[rounded], log.effort_steps))
@@ -194,6 +209,7 @@ def test_what_a_torques_grid_adds_is_known_beside_accelerations_whose_noise_is_l
     log = Log(
         *("run", "run", rate, position, None, read, None, None, "joint_sensor", "none"),
         effort_steps=np.full(len(JOINTS), step),
+        effort_dither=np.full(len(JOINTS), DITHER),
     )
     band = CommonBand.of(rate, 10.0)
     item = prepare(log, model, BatchedRigidModel.of_tree(URDF, model.tree), band)

@@ -20,7 +20,12 @@ from impedance_modules.diagnosis.data.dataset_consistency import (
     refuse_copies,
     refuse_mixed_recordings,
 )
-from impedance_modules.diagnosis.data.encoder_grid import rounding_errors, steps_of, torque_steps_of
+from impedance_modules.diagnosis.data.encoder_grid import (
+    rounding_errors,
+    steps_of,
+    torque_dither_of,
+    torque_steps_of,
+)
 from impedance_modules.diagnosis.data.log import DataReport, InsufficientData, Log
 from impedance_modules.diagnosis.data.long_recordings import segment_note, segment_origin
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
@@ -83,8 +88,10 @@ def admit(episodes: Sequence[Episode], model: NominalModel) -> tuple[tuple[Log, 
     refuse_mixed_recordings(episodes)
     steps = steps_of([episode.position for episode in episodes], model.joints)
     found = [_log(episode, model, steps, warnings) for episode in episodes]
-    torque_steps = torque_steps_of([episode.effort for episode in episodes], model.joints)
-    found = [(replace(log, effort_steps=torque_steps), jitter) for log, jitter in found]
+    torques = [episode.effort for episode in episodes]
+    torque_steps = torque_steps_of(torques, model.joints)
+    dither = torque_dither_of(torques, model.joints, torque_steps)
+    found = [(replace(log, effort_steps=torque_steps, effort_dither=dither), jitter) for log, jitter in found]
     logs = [unwrapped(log, model, warnings) for log, _ in found]
     refuse_copies(logs)
     for log in logs:

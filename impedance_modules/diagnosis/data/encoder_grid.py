@@ -12,7 +12,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy.interpolate import Akima1DInterpolator
-from scipy.special import ndtr
 
 from impedance_modules.arrays import Array
 
@@ -39,7 +38,10 @@ RETURNS, RETURNING = 3, 0.3
 """Times that a reading on a grid returns, and least part of a log that such readings are: others were interpolated."""
 
 DITHER = 0.2
-"""Standard deviation of a sensor's own noise over the step of its grid."""
+"""Least standard deviation of what dithers a torque's grid, over its step: no model knows a torque better."""
+
+THIRD_DIFFERENCES = 20.0
+"""Power of white noise's third differences over its own; a motion has nearly none."""
 
 
 def quantisation_step(positions: Array) -> float:
@@ -115,23 +117,51 @@ def _step_of_few_levels(torque: Array) -> float:
     return step if whole and float(np.mean(changes < 1.5 * step)) >= NEIGHBOURS else 0.0
 
 
-def mean_rounding(torque: Array, steps: Array) -> Array:
+def torque_dither_of(recordings: Sequence[Mapping[str, Array]], joints: Sequence[str], steps: Array) -> Array:
+    r"""Finds the sensors' noise that dithers their grids, (n,) over the steps, by what differs from row to row.
+
+        P(d) = d^2 + 1/12 - \sum_k \exp(-4 \pi^2 k^2 d^2) / (2 \pi^2 k^2)
+
+    is the power of noise d and rounding together, in steps, less that of the errors which are the same whenever the
+    torque is. Half a step of noise leaves none of these.
+
+    Args:
+        recordings: Joint -> (N,) measured torque of each [N.m or N].
+        joints: Whose noise is looked for.
+        steps: (n,) of the grids; 0 where there is none, and no noise is looked for.
+    """
+    d = np.geomspace(1e-3, 1e3, 400)
+    k = np.arange(1, 50)[:, None]
+    power = d**2 + np.sum((1.0 - np.exp(-4.0 * (np.pi * k * d) ** 2)) / (2.0 * (np.pi * k) ** 2), axis=0)
+    found = np.full(len(joints), DITHER)
+    for i, (joint, step) in enumerate(zip(joints, steps, strict=True)):
+        differences = [np.diff(one[joint], 3) for one in recordings if joint in one]
+        if step > 0.0 and sum(map(len, differences)):
+            read = float(np.mean(np.concatenate(differences) ** 2)) / THIRD_DIFFERENCES / step**2
+            found[i] = max(float(np.interp(read, power, d)), DITHER)
+    return found
+
+
+def mean_rounding(torque: Array, steps: Array, dither: Array | float = DITHER) -> Array:
     r"""What a grid adds to a torque (N, n) on the mean over the sensor's noise: the same whenever the torque is.
 
-        E[round(\tau + d \xi)] - \tau,      d the noise that dithers the grid
+        E[round(\tau + d \xi)] - \tau = \sum_k (-1)^k \exp(-2 \pi^2 k^2 d^2) \sin(2 \pi k \tau) / (\pi k)
 
-    A torque below half a step reads zero; noise alone makes it read anything. So a small torque reads too small, in
-    every repeat, by an error that is a function of the torque.
+    in steps, d the noise that dithers the grid. A torque below half a step reads zero; noise alone makes it read
+    anything. So a small torque reads too small, in every repeat, by an error that is a function of the torque.
 
     Args:
         torque: As the model has it [N.m or N].
         steps: (n,) of the grids; 0 where there is none.
+        dither: (n,) d over the steps, at least `DITHER`.
     """
     size = np.where(steps > 0.0, steps, 1.0)
-    nearest = np.round(torque / size)
-    beside = torque / size - nearest
-    mean = nearest - 1.0 + ndtr((beside + 0.5) / DITHER) + ndtr((beside - 0.5) / DITHER)
-    return np.asarray(np.where(steps > 0.0, mean * size - torque, 0.0))
+    phase, added = 2.0 * np.pi * torque / size, np.zeros_like(torque)
+    # Of a fifth of a step the third term is a thousandth of the first.
+    for k in (1, 2, 3):
+        part = (-1.0) ** k * np.exp(-2.0 * (np.pi * k * np.asarray(dither)) ** 2) / (np.pi * k)
+        added = added + part * np.sin(k * phase)
+    return np.asarray(np.where(steps > 0.0, added * size, 0.0))
 
 
 def rounding_errors(positions: Array, steps: Array, seed: int) -> Array:

@@ -42,6 +42,7 @@ class Log:
         rounding: (N, n) errors as the encoders' grids made them of these positions, simulated [rad]; zero where
             positions are not rounded.
         effort_steps: (n,) of the grids on which efforts were written [N.m]; zero where there is none.
+        effort_dither: (n,) noise of the sensors over these steps; None where nobody looked for grids.
         surroundings: What the task says that the hands could touch; None where it says nothing.
         task_object: Object of the task, and who holds it; None where it has none.
         carrying: (N,) samples in which hands hold it for certain, and nothing is touched; None where there are none.
@@ -63,6 +64,7 @@ class Log:
     in_contact: Mask | None = None
     rounding: Array | None = None
     effort_steps: Array | None = None
+    effort_dither: Array | None = None
     surroundings: TaskSurfaces | None = None
     task_object: TaskObject | None = None
     carrying: Mask | None = None

@@ -173,13 +173,13 @@ def _grid_errors(log: Log, model: NominalModel, signals: Signals, torque: Array)
         signals: The motion, without the noise of its accelerations.
         torque: (N, n) that the links need for it [N.m].
     """
-    if log.effort_steps is None:
+    if log.effort_steps is None or log.effort_dither is None:
         return np.zeros_like(torque)
-    if log.effort_source != "motor":
-        return mean_rounding(torque, log.effort_steps)
-    if signals.drive is not None:
-        return mean_rounding(signals.drive, log.effort_steps)
-    return mean_rounding(torque + signals.motor_acceleration * model.reflected_inertia, log.effort_steps)
+    sensed = torque
+    if log.effort_source == "motor":
+        rotors = signals.motor_acceleration * model.reflected_inertia
+        sensed = torque + rotors if signals.drive is None else signals.drive
+    return mean_rounding(sensed, log.effort_steps, log.effort_dither)
 
 
 def _jumps(log: Log, torque: Array | None, common: CommonBand) -> Array:
@@ -297,6 +297,7 @@ def _thinned(log: Log, common: CommonBand) -> Log:
         carrying=None if log.carrying is None else common.thin_mask(log.carrying),
         rounding=take(log.rounding),
         effort_steps=log.effort_steps,
+        effort_dither=log.effort_dither,
         surroundings=log.surroundings,
         task_object=log.task_object,
         gaps=log.gaps,
