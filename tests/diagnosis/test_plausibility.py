@@ -18,9 +18,7 @@ BODY = np.array([2.0, 0.0, 0.0, 0.0, 0.02, 0.0, 0.02, 0.0, 0.0, 0.02])
 def effect(**more: object) -> SimpleNamespace:
     given = {
         "computed_from_command": lambda port: False,
-        "constant_part": None,
         "unresolved": lambda shape, resolution: None,
-        "out_of_reach": lambda change, spread, reach: None,
         "values": lambda change, shape, site: {},
         "relations": lambda values: (),
     }
