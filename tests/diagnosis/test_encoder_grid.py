@@ -128,7 +128,7 @@ def test_the_mean_error_of_a_torque_on_a_grid_is_that_of_many_readings(step, lev
     read = step * np.round((torque + noise) / step)
     found = mean_rounding(np.array([[torque]]), np.array([step]), np.array([dither]))[0, 0]
     assert found == pytest.approx(read.mean() - torque, abs=0.02 * step)
-    assert mean_rounding(np.array([[torque]]), np.zeros(1))[0, 0] == 0.0
+    assert mean_rounding(np.array([[torque]]), np.zeros(1), np.array([dither]))[0, 0] == 0.0
 
 
 @settings(max_examples=20, deadline=None)
@@ -187,7 +187,7 @@ def test_a_motors_reading_is_rounded_where_its_command_was(source: str, asked: b
     )
     model = SimpleNamespace(reflected_inertia=np.full(2, 0.1))
     found = _grid_errors(log, model, signals, links)
-    np.testing.assert_allclose(found, mean_rounding(torques[rounded], log.effort_steps))
+    np.testing.assert_allclose(found, mean_rounding(torques[rounded], log.effort_steps, log.effort_dither))
     # What a sensor with little noise reads is where the grid says, and the residual of the drive holds just that.
     read = log.effort_steps * np.round(torques["drive"] / log.effort_steps)
     if rounded == "drive":
@@ -217,6 +217,6 @@ def test_what_a_torques_grid_adds_is_known_beside_accelerations_whose_noise_is_l
         model.tree, item.signals.position, item.signals.velocity, item.signals.acceleration
     )
     assert (noise - torque)[:, 0].std() > step
-    true = item.band.condense(mean_rounding(torque, log.effort_steps))
+    true = item.band.condense(mean_rounding(torque, log.effort_steps, log.effort_dither))
     for found, expected in zip(item.grid_nuisance.T, true.T, strict=True):
         assert np.corrcoef(found, expected)[0, 1] > 0.85

@@ -142,7 +142,7 @@ def torque_dither_of(recordings: Sequence[Mapping[str, Array]], joints: Sequence
     return found
 
 
-def mean_rounding(torque: Array, steps: Array, dither: Array | float = DITHER) -> Array:
+def mean_rounding(torque: Array, steps: Array, dither: Array) -> Array:
     r"""What a grid adds to a torque (N, n) on the mean over the sensor's noise: the same whenever the torque is.
 
         E[round(\tau + d \xi)] - \tau = \sum_k (-1)^k \exp(-2 \pi^2 k^2 d^2) \sin(2 \pi k \tau) / (\pi k)
@@ -159,7 +159,7 @@ def mean_rounding(torque: Array, steps: Array, dither: Array | float = DITHER) -
     phase, added = 2.0 * np.pi * torque / size, np.zeros_like(torque)
     # Of a fifth of a step the third term is a thousandth of the first.
     for k in (1, 2, 3):
-        part = (-1.0) ** k * np.exp(-2.0 * (np.pi * k * np.asarray(dither)) ** 2) / (np.pi * k)
+        part = (-1.0) ** k * np.exp(-2.0 * (np.pi * k * dither) ** 2) / (np.pi * k)
         added = added + part * np.sin(k * phase)
     return np.asarray(np.where(steps > 0.0, added * size, 0.0))
 

@@ -176,9 +176,10 @@ def _grid_errors(log: Log, model: NominalModel, signals: Signals, torque: Array)
     if log.effort_steps is None or log.effort_dither is None:
         return np.zeros_like(torque)
     sensed = torque
-    if log.effort_source == "motor":
-        rotors = signals.motor_acceleration * model.reflected_inertia
-        sensed = torque + rotors if signals.drive is None else signals.drive
+    if log.effort_source == "motor" and signals.drive is not None:
+        sensed = signals.drive
+    elif log.effort_source == "motor":
+        sensed = torque + signals.motor_acceleration * model.reflected_inertia
     return mean_rounding(sensed, log.effort_steps, log.effort_dither)
 
 
