@@ -194,8 +194,8 @@ def _refuse_range(log: Log, model: NominalModel, index: int, warnings: list[str]
         return
     looks = "which looks like degrees" if reach < 1.1 * DEGREES * allowed else "which is no angle"
     raise BadInput(
-        f"{log.name}: position.{body.joint} reaches {reach:.4g}, {looks}: {end}. Is it in degrees? (valid: rad; state"
-        " 'unit: deg' in the import map)"
+        f"{log.name}: position.{body.joint} reaches {reach:.4g}, {looks}: {end}. Is it in degrees? (valid: rad, within"
+        " the range or with torques that agree with the links; state 'unit: deg' in the import map)"
     )
 
 
