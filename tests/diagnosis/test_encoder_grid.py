@@ -134,9 +134,9 @@ def test_the_mean_error_of_a_torque_on_a_grid_is_that_of_many_readings(step, lev
 @settings(max_examples=20, deadline=None)
 @given(st.floats(0.05, 3.0), st.integers(0, 10_000))
 def test_the_noise_that_dithers_a_grid_is_found(dither, seed):
-    """Over many levels of a slow torque; never less than a model's torque is known to."""
+    """Of a torque that is at each level equally long; never less than a model's torque is known to."""
     random, step = np.random.default_rng(seed), 0.162
-    torque = 9.7 * step * np.sin(2.0 * np.pi * 0.2 * np.arange(20_000) / 1000.0)
+    torque = step * np.linspace(-9.7, 9.7, 20_000)
     read = step * np.round((torque + dither * step * random.standard_normal(len(torque))) / step)
     found = torque_dither_of([{"a": read, "b": read}], ["a", "b"], np.array([step, 0.0]))
     assert found[0] == pytest.approx(max(dither, DITHER), rel=0.1)
