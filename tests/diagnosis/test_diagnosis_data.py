@@ -197,6 +197,11 @@ def test_radians_beyond_a_model_s_narrow_limits_are_taken_where_the_torques_agre
     told = [line for line in report.warnings if "position.elbow reaches" in line]
     assert len(told) == 3
     assert all("in the model: taken as it is" in line for line in told)
+    heavier = {**columns(0)}
+    for name in EFFORTS:
+        heavier[name] = 2.5 * heavier[name]  # a payload that is not in the model: 36 % of the power is left
+    _, report = admitted(urdf, save(tmp_path, "heavier", heavier), *paths[1:])
+    assert any("heavier: position.elbow reaches" in line for line in report.warnings)
     data = columns(0)
     for name in EFFORTS:
         data[name] = np.random.default_rng(0).normal(size=len(data["time"]))
@@ -411,6 +416,16 @@ def test_one_motion_is_cut_without_losing_a_sample(tmp_path, urdf):
         stop = inner.stop if inner.stop == logs[0].samples else inner.stop - margin
         kept[inner.start : stop] += 1
     assert np.all(kept == 1)
+
+
+def test_a_short_motion_makes_three_parts_where_the_filter_leaves_too_little_for_four(tmp_path, urdf):
+    """Two folds and a part to test on are enough; four parts are better where they are long enough."""
+    logs, _ = admitted(urdf, save(tmp_path, "run0", columns(0, seconds=8.0)))
+    assert len(assign_folds(logs, (), 1.5).logs) == 4
+    found = assign_folds(logs, (), 2.1)
+    assert len(found.logs) == 3 and len(found.folds) == 2 and len(found.heldout) == 1
+    with pytest.raises(InsufficientData, match=r"valid: 9\.\d+ s, or several motions"):
+        assign_folds(logs, (), 3.0)
 
 
 TELL_MEMORY = """

@@ -61,6 +61,10 @@ SPEED_UNITS = {
 BETTER_UNIT = 0.2
 """Another unit of position is suspected if it leaves less than this part of the torque's remainder."""
 
+RADIANS_LEFT = 0.5
+"""Largest part of the torque's power that radians beyond the limits may leave, also of what degrees would leave: a
+payload is not in the model, and angles that are too large by 57 leave more than the whole torque."""
+
 FACTOR_OF_1000 = (300.0, 3000.0)
 """Ratios of measured to model torque that look like a factor of a thousand."""
 
@@ -209,9 +213,9 @@ def _most(body: Body) -> float:
 
 
 def _are_radians(log: Log, model: NominalModel) -> bool:
-    """Whether the torques agree with the links' weight and inertia, and far better than if positions were degrees."""
+    """Whether the links' weight and inertia explain most of the torques, and would not if positions were degrees."""
     radians, degrees = (_unexplained_share(log, model, scale) for scale in (1.0, 1.0 / DEGREES))
-    return radians is not None and degrees is not None and radians < BETTER_UNIT * min(1.0, degrees)
+    return radians is not None and degrees is not None and radians < RADIANS_LEFT * min(1.0, degrees)
 
 
 def _refuse_speed(log: Log, body: Body, q: Array, v: Array) -> None:

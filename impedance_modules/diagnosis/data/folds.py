@@ -40,7 +40,7 @@ SHORTEST_PART = 0.6
 """Part of that length which is enough for the fewest segments; below it segments of equal time are used."""
 
 SEGMENTS_MIN = 4
-"""Fewest segments: one is held out, the others make folds."""
+"""Fewest segments where they are long enough; else there is one to hold out and the fewest folds."""
 
 TIME_SHARE = 0.3
 """Part of a segment's weight that counts time instead of motion, so that rest does not become one long segment."""
@@ -218,9 +218,11 @@ def segments_of(motion: Sequence[Log], useful: float, run_in: float = 0.0) -> li
     least = max(SHORTEST_PART * SEGMENT_LENGTH, useful)
     pieces = min(SEGMENTS_MAX, max(int((left + 2.0 * RUN_IN) / max(SEGMENT_LENGTH, useful)), SEGMENTS_MIN))
     if left < pieces * least:
+        pieces = FOLDS_MIN + 1
+    if left < pieces * least:
         raise InsufficientData(
             f"{shortest.name}: {shortest.duration:.3g} s is too short to fit one part and test on another"
-            f" (valid: {pieces * least + 2.0 * run_in:.2g} s, or several recordings)"
+            f" (valid: {pieces * least + 2.0 * run_in:.2g} s, or several motions)"
         )
     edges = _edges(shortest, pieces, least, run_in)
     return [[_segment(log, edges, index, run_in) for log in motion] for index in range(pieces)]
