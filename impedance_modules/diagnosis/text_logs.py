@@ -37,7 +37,7 @@ def as_episodes(
         description: Finds the description that names the joints; called only if there is a text log.
         stated: Of logs whose header does not say it.
         folder: For the episodes.
-        note: Told what was taken because nobody said it.
+        note: Told what was taken because nobody said it, and which columns were left out.
 
     Raises:
         BadInput: A text log whose columns are not known, or one that cannot be imported.
@@ -46,7 +46,7 @@ def as_episodes(
     if not texts:
         return tuple(logs)
     urdf, taken = description(), dict[str, str]()
-    found = tuple(_episode(log, urdf, stated, taken, folder) if log in texts else log for log in logs)
+    found = tuple(_episode(log, urdf, stated, taken, folder, note) if log in texts else log for log in logs)
     for key, usual in taken.items():
         more = f" and {len(texts) - 1} more" if len(texts) > 1 else ""
         option = f"--{key.replace('_', '-')}"
@@ -54,14 +54,24 @@ def as_episodes(
     return found
 
 
-def _episode(log: Path, urdf: Path, stated: Stated, taken: dict[str, str], folder: Path) -> Path:
-    """Imports one text log; writes into ``taken`` what nobody said."""
+def _episode(
+    log: Path,
+    urdf: Path,
+    stated: Stated,
+    taken: dict[str, str],
+    folder: Path,
+    note: Callable[[str], None],
+) -> Path:
+    """Imports one text log; writes into ``taken`` what nobody said, and notes which columns are not used."""
     # Imported only here: the command line needs the choices above at once.
     from impedance_modules.episode.imports.generated_maps import map_for  # noqa: PLC0415
     from impedance_modules.episode.imports.maker_maps import STATE  # noqa: PLC0415
     from impedance_modules.episode.imports.pipeline import import_sources  # noqa: PLC0415
 
-    text = map_for(log, urdf).text
+    made = map_for(log, urdf)
+    text = made.text
+    for said in made.notes:
+        note(f"{log}: {said}")
     answers = {"effort_source": stated.effort_source, "gravity_compensation": stated.gravity_compensation}
     for (key, answer), usual in zip(answers.items(), (SOURCES[0], GRAVITIES[0]), strict=True):
         asked = re.compile(rf"^{key}: {STATE}$", re.MULTILINE)

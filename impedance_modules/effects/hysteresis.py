@@ -37,6 +37,9 @@ EXPONENTS = (1.0, 2.0)
 COUNTS = 6
 """Counts of the encoder over which bristles must bend to be told from dry friction, behind any filter."""
 
+PRESLIDING_MAX = 1e-3
+"""Way that every dry friction bends before it slides: up to it, no law of its own [rad or m]."""
+
 
 class Hysteresis(Effect):
     """Dahl friction."""
@@ -77,10 +80,15 @@ class Hysteresis(Effect):
         )
 
     def unresolved(self, shape: Shape, resolution: float) -> str | None:
-        """Bristles that slip within three counts are dry friction for all that can be seen."""
-        if float(shape[STRETCH]) >= COUNTS * resolution:
-            return None
-        return f"bristles slip within {COUNTS} counts of the encoder: dry friction as far as it can be seen"
+        """Bristles that slip within a few counts, or as soon as those of any dry friction, are dry friction."""
+        stretch = float(shape[STRETCH])
+        if stretch < COUNTS * resolution:
+            return (
+                f"bristles slip within {COUNTS} counts of the encoder: dry friction as far as it can be seen"
+            )
+        if stretch < PRESLIDING_MAX:
+            return f"bristles slip after {stretch:.2g}, below {PRESLIDING_MAX:g}: so does any dry friction"
+        return None
 
     def shapes(self, site: Site) -> tuple[dict[str, float], ...]:
         """Tries lengths from a thousandth to a tenth of the joint's travel, with both exponents."""

@@ -33,6 +33,10 @@ STATE_TOPIC = "joint_states"
 """What robots call the topic of their measured joints; another topic with the same joints is a reference."""
 
 _UNITS = {"position": ("rad", "m"), "velocity": ("rad/s", "m/s"), "effort": ("N.m", "N")}
+"""Joint states in a bag, and their units at turning and at sliding joints."""
+
+_TABLE_UNITS = {**_UNITS, "effort_command": _UNITS["effort"], "position_command": _UNITS["position"]}
+"""Quantities of a table whose columns are named as those of an episode."""
 
 
 def map_for(path: Path, urdf: Path | None) -> MakerMap:
@@ -104,15 +108,11 @@ def _named_map(path: Path, names: Sequence[str], urdf: Path) -> MakerMap:
             f"{path}: no column 'position.JOINT' of a joint of {urdf} (valid: {list_names(list(facts.joints), 8)})"
         )
     quantities = []
-    for kind, (turning, sliding) in _UNITS.items():
+    for kind, (turning, sliding) in _TABLE_UNITS.items():
         columns = tuple(f"{kind}.{joint}" for joint in joints)
         if set(columns) <= set(names):
             units = json.dumps({joint: sliding if joint in facts.prismatic else turning for joint in joints})
             quantities.append(MappedColumns(kind, columns, units))
-    commands = tuple(f"effort_command.{joint}" for joint in joints)
-    if set(commands) <= set(names):
-        units = json.dumps({joint: "N" if joint in facts.prismatic else "N.m" for joint in joints})
-        quantities.append(MappedColumns("effort_command", commands, units))
     missing = ["'gravity_compensation': what held the arm's weight, robot, command or none"]
     about = {"gravity_compensation": STATE}
     if any(quantity.kind == "effort" for quantity in quantities):
