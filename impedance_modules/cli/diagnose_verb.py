@@ -109,8 +109,8 @@ def diagnose_command(
     """Compare LOG..., recordings of one robot, with the model that was to predict them.
 
     A LOG is an episode, a run's directory, a folder of episodes as import makes it, or a text log: of libfranka, of
-    RTDE, or a table with the columns time, position.JOINT, velocity.JOINT, effort.JOINT in SI units. With --map, it
-    may be any file that import reads.
+    RTDE, or a table with the columns time, position.JOINT, and velocity, effort, effort_command, position_command
+    alike, in SI units. With --map, it may be any file that import reads.
 
     Exit: 0 no gap or explained, 2 bad input, 5 partly or not explained, 6 ambiguous, 7 data insufficient.
     """

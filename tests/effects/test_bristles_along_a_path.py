@@ -3,8 +3,12 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
+from impedance_modules.effects.catalogue import CATALOGUE
+from impedance_modules.effects.hysteresis import COUNTS, EXPONENT, PRESLIDING_MAX, STRETCH
 from impedance_modules.effects.joint_motion import bent, follow
 
 
@@ -44,3 +48,12 @@ def test_a_bend_solves_dahls_equation(begin: float, exponent: float) -> None:
         -bent.python(-begin, way, stretch, exponent), abs=1e-12
     )
     assert bent.python(1.0, 1e3, stretch, exponent) == 1.0
+
+
+@given(st.floats(1e-7, 1.0), st.floats(0.0, 1e-2))
+def test_bristles_are_a_law_of_their_own_only_beyond_a_milliradian_and_what_the_encoder_sees(
+    stretch: float, resolution: float
+) -> None:
+    """Every dry friction bends a little before it slides."""
+    reason = CATALOGUE["hysteresis"].unresolved({STRETCH: stretch, EXPONENT: 1.0}, resolution)
+    assert (reason is None) == (stretch >= max(PRESLIDING_MAX, COUNTS * resolution))
