@@ -86,7 +86,7 @@ def test_what_is_removed_is_remembered_and_the_search_goes_on(monkeypatch: pytes
     selector = SimpleNamespace(
         model_fit=lambda model: None, trials=None, rejection_reason=None, refiner=None, _removals=Counter()
     )
-    selector._add_causes, selector.simplest = add_causes, list
+    selector._add_causes, selector.simplest, selector.one_for_two = add_causes, list, list
     found = Selector.run(selector, lambda text: None)
     assert begun == [[], [first, third]] and found.causes == (first, third)
     assert selector._removals == Counter({second.key: 1})
@@ -208,3 +208,38 @@ def test_the_laws_of_a_drive_begin_together_if_no_single_one_does_nearly_as_much
         model_fit, lambda terms: None, lambda fit: single, lambda trial: None
     )
     assert started == tuple(laws[:found])
+
+
+@pytest.mark.parametrize(
+    ("port", "gain", "reason", "exchanged"),
+    [
+        ("actuator", 71.0, None, True),
+        ("actuator", 69.0, None, False),
+        ("actuator", 71.0, "harms", False),
+        ("link", 71.0, None, False),
+    ],
+)
+def test_one_law_takes_the_place_of_two_if_it_is_likelier_than_both(
+    monkeypatch, port, gain, reason, exchanged
+):
+    """40 nats of dry friction, then 30 of an offset beside it; other causes stay."""
+    friction, offset = (
+        term("elbow", 0, effect="coulomb_friction"),
+        term("elbow", 0, effect="torque_offset", port=port),
+    )
+    other = term("wrist", 1, effect="torque_offset")
+    one = term("elbow", 0, effect="asymmetric_friction")
+    worth = {id(friction): 40.0, id(offset): 30.0, id(one): gain}
+    selector = Selector.__new__(Selector)
+    shaped = [
+        SimpleNamespace(shaped=SimpleNamespace(key=made.key), term=made) for made in (friction, offset, one)
+    ]
+    selector.design = SimpleNamespace(layouts=shaped)
+    monkeypatch.setattr(Selector, "model_fit", lambda self, model: SimpleNamespace(model=list(model)))
+    monkeypatch.setattr(Selector, "trial", lambda self, fit, layout: SimpleNamespace(term=layout.term))
+    monkeypatch.setattr(Selector, "refined", lambda self, fit, trials: list(trials))
+    monkeypatch.setattr(Selector, "rejection_reason", lambda self, trial: reason)
+    monkeypatch.setattr(forward_selection, "try_term", lambda fit, made: SimpleNamespace(term=made))
+    monkeypatch.setattr(forward_selection, "penalised_gain", lambda trial: worth[id(trial.term)])
+    found = selector.one_for_two([friction, other, offset])
+    assert found == ([one, other] if exchanged else [friction, other, offset])

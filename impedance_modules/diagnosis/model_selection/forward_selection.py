@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 from impedance_modules.diagnosis.model_selection.acceptance import (
     BIC_MIN,
@@ -119,7 +120,7 @@ class Selector:
             if len(model) == len(grown):
                 break
             self._removals.update(term.key for term in grown if term not in model)
-        return Selection(tuple(self.simplest(model)), refusal)
+        return Selection(tuple(self.one_for_two(self.simplest(model))), refusal)
 
     def _add_causes(
         self, model: list[ModelTerm], progress: Callable[[str], None]
@@ -226,6 +227,30 @@ class Selector:
             ]
             if simpler:
                 kept[index] = max(simpler, key=penalised_gain).term
+        return kept
+
+    def one_for_two(self, model: Sequence[ModelTerm]) -> list[ModelTerm]:
+        """Puts one law in the place of two on the same joint and port where it is likelier than both together.
+
+        Each of the two was accepted beside what was known then: dry friction and an offset, and then an asymmetric
+        friction gains nothing beside them.
+        """
+        kept = list(model)
+        for one, other in combinations(model, 2):
+            if one.key[1:] != other.key[1:] or not {id(one), id(other)} <= set(map(id, kept)):
+                continue
+            rest = self.model_fit([term for term in kept if term is not one and term is not other])
+            first = try_term(rest, one)
+            second = try_term(self.model_fit([*rest.model, one]), other)
+            two = penalised_gain(first) + penalised_gain(second)
+            alike = [
+                self.trial(rest, layout)
+                for layout in self.design.layouts
+                if layout.shaped.key[1:] == one.key[1:] and layout.shaped.key not in (one.key, other.key)
+            ]
+            best = max(self.refined(rest, alike), key=penalised_gain, default=first)
+            if penalised_gain(best) >= two and self.rejection_reason(best) is None:
+                kept = [best.term, *rest.model]
         return kept
 
     def _exchange(self, model: list[ModelTerm]) -> list[ModelTerm]:
