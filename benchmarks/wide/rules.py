@@ -111,6 +111,12 @@ SEARCH = (
         "simplest", "a simpler law in the end", f"{_SEARCH}:Selector.simplest", lambda _, model: list(model)
     ),
     Rule(
+        "one-for-two",
+        "one law in the place of two",
+        f"{_SEARCH}:Selector.one_for_two",
+        lambda _, model: list(model),
+    ),
+    Rule(
         "reversals",
         "reversals are left out where dry friction is not understood",
         "model_selection.cause_search:_without_reversals",

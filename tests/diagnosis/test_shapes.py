@@ -11,7 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from impedance_modules.diagnosis.regression import shape_refinement
 from impedance_modules.diagnosis.regression.candidates import PERIODS_MIN, Candidate, covered, shapes_of
+from impedance_modules.diagnosis.regression.shape_refinement import ShapeRefiner
 from impedance_modules.effects.catalogue import CATALOGUE
 from tests.support.commands import invoke
 from tests.support.plant_recordings import patch_text, record, robot_folder
@@ -54,6 +56,28 @@ def test_a_ripple_is_looked_for_in_all_recordings_together(order: float) -> None
 
     assert off_phase(several) < 1.05
     assert off_phase(several[:1]) > 1.05
+
+
+@pytest.mark.parametrize(("periods", "moves"), [(2.05, True), (1.95, False), (0.5, False)])
+def test_a_refined_ripple_still_runs_through_two_of_its_periods(
+    periods: float, moves: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Stretched over the whole travel it would be an offset."""
+    travel, order = 0.8, 30.0
+    wanted = periods * 2.0 * np.pi / travel
+    recording = swing(0.2, travel)
+    candidate = Candidate(CATALOGUE["torque_ripple"], "link", "hinge", ("hinge",))
+    monkeypatch.setattr(Candidate, "site", lambda self, signals: SimpleNamespace(signals=signals, joint=0))
+    shaped = SimpleNamespace(shape={"N": order}, lower=np.full(2, -np.inf), upper=np.full(2, np.inf))
+    layout = SimpleNamespace(scale=np.ones(2), unseen=np.zeros(2, dtype=bool))
+    term = SimpleNamespace(candidate=candidate, shaped=shaped, layout=layout)
+    refiner = ShapeRefiner.__new__(ShapeRefiner)
+    refiner.signals, refiner.prepared = (recording,), (SimpleNamespace(signals=recording),)
+    monkeypatch.setattr(shape_refinement, "REACH", 1.0)
+    monkeypatch.setattr(ShapeRefiner, "_newton", lambda *rest: {"N": wanted})
+    monkeypatch.setattr(ShapeRefiner, "term", lambda self, candidate, shape, layout: shape["N"])
+    model_fit = SimpleNamespace(model=[term], of=lambda index: np.array([1.0, 0.5]))
+    assert refiner._step(model_fit, 1.0) == (pytest.approx(wanted) if moves else None)
 
 
 def test_friction_that_fades_slower_than_recordings_last_never_falls_below_zero(tmp_path: Path) -> None:

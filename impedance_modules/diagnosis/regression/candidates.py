@@ -126,9 +126,18 @@ def shapes_of(candidate: Candidate, recordings: Sequence[Signals]) -> list[dict[
     travels = [(float(q.min()), float(q.max())) for q in positions]
     widest = int(np.argmax([high - low for low, high in travels]))
     whole = max(high for _, high in travels) - min(low for low, _ in travels)
-    seen = covered(travels)
     shapes = candidate.effect.shapes(replace(candidate.site(recordings[widest]), all_travel=whole))
-    return [dict(shape) for shape in shapes if candidate.effect.periods(shape, seen) >= PERIODS_MIN]
+    return [dict(shape) for shape in shapes if repeats(candidate, shape, recordings)]
+
+
+def repeats(candidate: Candidate, shape: Mapping[str, float], recordings: Sequence[Signals]) -> bool:
+    """Whether a periodic shape runs through enough of its periods in all recordings; true for any other."""
+    first = recordings[0]
+    if candidate.key not in first.model.joint_names:
+        return True
+    positions = [one.position[:, first.joint(candidate.key)] for one in recordings]
+    seen = covered([(float(q.min()), float(q.max())) for q in positions])
+    return candidate.effect.periods(shape, seen) >= PERIODS_MIN
 
 
 def covered(travels: Sequence[tuple[float, float]]) -> float:

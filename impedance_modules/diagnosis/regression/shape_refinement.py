@@ -16,6 +16,7 @@ from impedance_modules.diagnosis.regression.candidates import (
     Candidate,
     CandidateRegressor,
     candidate_regressors,
+    repeats,
     shapes_of,
 )
 from impedance_modules.diagnosis.regression.design_matrix import ColumnLayout, Design, layout_of, scaled_block
@@ -154,7 +155,10 @@ class ShapeRefiner:
         return None
 
     def _step(self, model_fit: ModelFit, part: float) -> ModelTerm | None:
-        """Some part of one step of the last term's shape; None where it has converged or cannot move."""
+        """Some part of one step of the last term's shape; None where it has converged or cannot move.
+
+        A ripple stays one: stretched over the whole travel it would be an offset or a spring.
+        """
         term, index = model_fit.model[-1], len(model_fit.model) - 1
         coefficients = model_fit.of(index)
         shape = dict(term.shaped.shape)
@@ -174,6 +178,8 @@ class ShapeRefiner:
             for symbol, value in shape.items()
         }
         if all(abs(limited[s] - shape[s]) <= 1e-4 * max(abs(shape[s]), 1e-4) for s in shape):
+            return None
+        if not repeats(candidate, limited, self.signals):
             return None
         # A direction that the motion does not show stays one, however little the new shape shows of it.
         return self.term(candidate, limited, term.layout if term.layout.unseen.any() else None)
