@@ -232,7 +232,8 @@ def test_one_law_takes_the_place_of_two_if_it_is_likelier_than_both(
     worth = {id(friction): 40.0, id(offset): 30.0, id(one): gain}
     selector = Selector.__new__(Selector)
     shaped = [
-        SimpleNamespace(shaped=SimpleNamespace(key=made.key), term=made) for made in (friction, offset, one)
+        SimpleNamespace(shaped=SimpleNamespace(key=made.key, candidate=made.candidate), term=made)
+        for made in (friction, offset, one)
     ]
     selector.design = SimpleNamespace(layouts=shaped)
     monkeypatch.setattr(Selector, "model_fit", lambda self, model: SimpleNamespace(model=list(model)))

@@ -246,10 +246,12 @@ class Selector:
             alike = [
                 self.trial(rest, layout)
                 for layout in self.design.layouts
-                if layout.shaped.key[1:] == one.key[1:] and layout.shaped.key not in (one.key, other.key)
+                if layout.shaped.candidate is not None
+                and layout.shaped.key[1:] == one.key[1:]
+                and layout.shaped.key not in (one.key, other.key)
             ]
-            best = max(self.refined(rest, alike), key=penalised_gain, default=first)
-            if penalised_gain(best) >= two and self.rejection_reason(best) is None:
+            best = max(self.refined(rest, alike), key=penalised_gain, default=None)
+            if best and penalised_gain(best) >= two and self.rejection_reason(best) is None:
                 kept = [best.term, *rest.model]
         return kept
 
