@@ -17,6 +17,7 @@ COUNTS = {"A": 40, "B": 40, "C": 20, "E": 20}
 SALT = {
     "real": "a stranger's recordings",
     "second": "the same stranger, a year later",
+    "third": "the same stranger, two years later",
     "smoke": "only to see that it is read",
 }
 

@@ -170,8 +170,7 @@ def test_delay_and_lag_of_one_joint_are_the_pair_that_is_told_apart_with_care() 
 
 def left(*squares: float) -> SimpleNamespace:
     """A model fitted anew, by the mean squares that it leaves of each group on unseen recordings."""
-    rows = [np.full(1000, np.sqrt(part)) for part in squares]
-    return SimpleNamespace(counts=np.full(len(squares), 1000.0), unseen={3: rows})
+    return SimpleNamespace(log_likelihood=-500.0 * np.log(squares))
 
 
 def compared(

@@ -222,25 +222,38 @@ def test_the_laws_of_a_drive_begin_together_if_no_single_one_does_nearly_as_much
 def test_one_law_takes_the_place_of_two_if_it_is_likelier_than_both(
     monkeypatch, port, gain, reason, exchanged
 ):
-    """40 nats of dry friction, then 30 of an offset beside it; other causes stay."""
+    """Both are 72 nats likelier than neither, for a penalty of 7; one law costs 5. Other causes stay."""
     friction, offset = (
         term("elbow", 0, effect="coulomb_friction"),
         term("elbow", 0, effect="torque_offset", port=port),
     )
     other = term("wrist", 1, effect="torque_offset")
     one = term("elbow", 0, effect="asymmetric_friction")
-    worth = {id(friction): 40.0, id(offset): 30.0, id(one): gain}
+    penalty = {id(friction): 4.0, id(offset): 3.0, id(one): 5.0}
+    likelihood = {id(friction): 42.0, id(offset): 30.0, id(other): 0.0, id(one): gain}
+
+    def fitted(model):
+        return SimpleNamespace(
+            model=list(model), log_likelihood=np.array([sum(likelihood[id(m)] for m in model)])
+        )
+
     selector = Selector.__new__(Selector)
     shaped = [
         SimpleNamespace(shaped=SimpleNamespace(key=made.key, candidate=made.candidate), term=made)
         for made in (friction, offset, one)
     ]
     selector.design = SimpleNamespace(layouts=shaped)
-    monkeypatch.setattr(Selector, "model_fit", lambda self, model: SimpleNamespace(model=list(model)))
-    monkeypatch.setattr(Selector, "trial", lambda self, fit, layout: SimpleNamespace(term=layout.term))
+    monkeypatch.setattr(Selector, "model_fit", lambda self, model: fitted(model))
+    monkeypatch.setattr(
+        Selector, "trial", lambda self, fit, layout: SimpleNamespace(term=layout.term, model_fit=fit)
+    )
     monkeypatch.setattr(Selector, "refined", lambda self, fit, trials: list(trials))
     monkeypatch.setattr(Selector, "rejection_reason", lambda self, trial: reason)
     monkeypatch.setattr(forward_selection, "try_term", lambda fit, made: SimpleNamespace(term=made))
-    monkeypatch.setattr(forward_selection, "penalised_gain", lambda trial: worth[id(trial.term)])
+    monkeypatch.setattr(
+        forward_selection, "refit", lambda trial: fitted([trial.term, *trial.model_fit.model])
+    )
+    monkeypatch.setattr(forward_selection, "bic_penalty", lambda trial: penalty[id(trial.term)])
+    monkeypatch.setattr(forward_selection, "penalised_gain", lambda trial: gain - penalty[id(trial.term)])
     found = selector.one_for_two([friction, other, offset])
     assert found == ([one, other] if exchanged else [friction, other, offset])

@@ -99,6 +99,7 @@ def test_what_a_trial_says_of_unseen_recordings_follows_from_the_squares_it_leav
     assert trial.reduction == pytest.approx(max(parts[1], parts[2]), rel=1e-6)
     assert trial.narrow == pytest.approx((gone.sum(axis=0) * w).max() / (gone.sum(axis=0) @ w), rel=1e-6)
     assert trial.gain == min(trial.unseen_gain, trial.in_sample.gain)
+    assert model_fit.log_likelihood == pytest.approx(-0.5 * n * np.log(before.sum(axis=0)), rel=1e-9)
 
 
 @SEEDS

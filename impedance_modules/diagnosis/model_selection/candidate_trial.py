@@ -145,6 +145,12 @@ def try_term(model_fit: ModelFit, term: ModelTerm) -> CandidateTrial:
     return CandidateTrial(model_fit, term, np.array(coefficients), unseen, in_sample)
 
 
+def refit(trial: CandidateTrial) -> ModelFit:
+    """The model with the candidate, everything fitted anew."""
+    model_fit = trial.model_fit
+    return ModelFit(model_fit.design, model_fit.folds, [*model_fit.model, trial.term])
+
+
 @dataclass(frozen=True)
 class InSampleFit:
     """A candidate fitted to all recordings.

@@ -8,9 +8,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
+import numpy as np
+
 from impedance_modules.diagnosis.model_selection.acceptance import (
     BIC_MIN,
     best_of_each,
+    bic_penalty,
     both_delay_torque,
     by_merit,
     penalised_gain,
@@ -18,7 +21,7 @@ from impedance_modules.diagnosis.model_selection.acceptance import (
     rejection_reason,
 )
 from impedance_modules.diagnosis.model_selection.backward_elimination import eliminate_backward, merge_delays
-from impedance_modules.diagnosis.model_selection.candidate_trial import CandidateTrial, try_term
+from impedance_modules.diagnosis.model_selection.candidate_trial import CandidateTrial, refit, try_term
 from impedance_modules.diagnosis.model_selection.geared_start import geared_start_model
 from impedance_modules.diagnosis.model_selection.plausibility import Plausibility
 from impedance_modules.diagnosis.model_selection.screening import Screening
@@ -233,27 +236,34 @@ class Selector:
         """Puts one law in the place of two on the same joint and port where it is likelier than both together.
 
         Each of the two was accepted beside what was known then: dry friction and an offset, and then an asymmetric
-        friction gains nothing beside them.
+        friction gains nothing beside them. Whole fits are compared: gains that were found one after the other do not
+        add up to the gain of both.
         """
         kept = list(model)
         for one, other in combinations(model, 2):
             if one.key[1:] != other.key[1:] or not {id(one), id(other)} <= set(map(id, kept)):
                 continue
             rest = self.model_fit([term for term in kept if term is not one and term is not other])
-            first = try_term(rest, one)
-            second = try_term(self.model_fit([*rest.model, one]), other)
-            two = penalised_gain(first) + penalised_gain(second)
-            alike = [
-                self.trial(rest, layout)
-                for layout in self.design.layouts
-                if layout.shaped.candidate is not None
-                and layout.shaped.key[1:] == one.key[1:]
-                and layout.shaped.key not in (one.key, other.key)
-            ]
-            best = max(self.refined(rest, alike), key=penalised_gain, default=None)
-            if best and penalised_gain(best) >= two and self.rejection_reason(best) is None:
-                kept = [best.term, *rest.model]
+            single = self._single_law(rest, (one, other))
+            if single is None or self.rejection_reason(single) is not None:
+                continue
+            both = self.model_fit([*rest.model, one, other])
+            ahead = float(np.sum(refit(single).log_likelihood - both.log_likelihood))
+            saved = sum(bic_penalty(try_term(rest, term)) for term in (one, other)) - bic_penalty(single)
+            if ahead + saved >= 0.0:
+                kept = [single.term, *rest.model]
         return kept
+
+    def _single_law(self, rest: ModelFit, two: tuple[ModelTerm, ModelTerm]) -> CandidateTrial | None:
+        """The likeliest law on the joint and port of two others; None where there is none."""
+        alike = [
+            self.trial(rest, layout)
+            for layout in self.design.layouts
+            if layout.shaped.candidate is not None
+            and layout.shaped.key[1:] == two[0].key[1:]
+            and layout.shaped.key not in (two[0].key, two[1].key)
+        ]
+        return max(self.refined(rest, alike), key=penalised_gain, default=None)
 
     def _exchange(self, model: list[ModelTerm]) -> list[ModelTerm]:
         """Replaces accepted causes that share a residual with the last one by others that do better beside it.

@@ -15,7 +15,7 @@ from impedance_modules.diagnosis.model_selection.acceptance import (
     penalised_gain,
     promising,
 )
-from impedance_modules.diagnosis.model_selection.candidate_trial import CandidateTrial, try_term
+from impedance_modules.diagnosis.model_selection.candidate_trial import CandidateTrial, refit, try_term
 from impedance_modules.diagnosis.model_selection.forward_selection import Selector
 from impedance_modules.diagnosis.model_selection.plausibility import CONTRAST_MIN
 from impedance_modules.diagnosis.regression.candidates import Candidate
@@ -170,7 +170,7 @@ def lead_of(own: CandidateTrial, beside: ModelFit, held_out: Likelihood) -> Lead
         beside: The model with it, everything fitted anew.
         held_out: Log-likelihood of the held-out recordings.
     """
-    mine = cache(lambda: (log_likelihood(beside), held_out(beside)))
+    mine = cache(lambda: (beside.log_likelihood, held_out(beside)))
 
     def here(ahead: Array, total: float) -> float:
         """A lead in all groups less what the rival gains more elsewhere."""
@@ -180,24 +180,12 @@ def lead_of(own: CandidateTrial, beside: ModelFit, held_out: Likelihood) -> Lead
         fitted = refit(rival)
         tried = here(own.unseen_gains - rival.unseen_gains, own.gain - rival.gain)
         anew, unseen = (
-            one - its for one, its in zip(mine(), (log_likelihood(fitted), held_out(fitted)), strict=True)
+            one - its for one, its in zip(mine(), (fitted.log_likelihood, held_out(fitted)), strict=True)
         )
         ahead = min(tried, here(anew, float(anew.sum()))) + here(unseen, float(unseen.sum()))
         return ahead - (bic_penalty(own) - bic_penalty(rival))
 
     return lead
-
-
-def refit(trial: CandidateTrial) -> ModelFit:
-    """The model with the candidate, everything fitted anew."""
-    model_fit = trial.model_fit
-    return ModelFit(model_fit.design, model_fit.folds, [*model_fit.model, trial.term])
-
-
-def log_likelihood(model_fit: ModelFit) -> Array:
-    """(groups,) of the fitted recordings as they are predicted without their fold, each level profiled out [nats]."""
-    left = np.sum([[float(x @ x) for x in parts] for parts in model_fit.unseen.values()], axis=0)
-    return np.asarray(-0.5 * model_fit.counts * np.log(np.maximum(left, 1e-9)))
 
 
 def _alone(rival: CandidateTrial, own: CandidateTrial) -> bool:

@@ -248,6 +248,12 @@ class ModelFit:
         """(folds, groups) squares of these residuals."""
         return squares_by_fold(self.folds, self.unseen)
 
+    @cached_property
+    def log_likelihood(self) -> Array:
+        """(groups,) of the fitted recordings as predicted without their fold, each level profiled out [nats]."""
+        left = np.maximum(self.unseen_squares.sum(axis=0), 1e-9)
+        return np.asarray(-0.5 * self.counts * np.log(left))
+
     def of(self, index: int, found: Fit | None = None) -> Array:
         """Coefficients of one term in its own units, by the whole fit unless another is given."""
         start, term = self.starts[index], self.model[index]
