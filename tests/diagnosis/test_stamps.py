@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from impedance_modules.diagnosis.data.log import Log
-from impedance_modules.diagnosis.data.stamps import resampled, sampling_times, uniform_time
+from impedance_modules.diagnosis.data.stamps import _counted, resampled, sampling_times, uniform_time
 from impedance_modules.diagnosis.data.time_base import unify_rates
 from impedance_modules.errors import BadInput
 
@@ -173,6 +173,32 @@ def test_one_lost_row_is_counted_wherever_it_is(place, lost):
     stamps = taken + 0.05 / 250.0 * random.standard_normal(len(taken))
     times = sampling_times(stamps, noisy(Motion(2).position(taken), "white", random))
     assert np.abs(times - taken).max() < 0.01 / 250.0
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    seed=st.integers(0, 9999),
+    jitter_part=st.floats(0.0, 0.08),
+    lost_part=st.floats(0.0, 0.01),
+    late_part=st.floats(0.0, 0.02),
+    ppm=st.floats(-50.0, 50.0),
+)
+def test_a_row_that_was_stamped_late_is_no_lost_row(seed, jitter_part, lost_part, late_part, ppm):
+    """Rows late by up to 1.4 steps, and those behind them that queue, between rows that were lost.
+
+    Whether the row before a lost one was late, or is the lost one's neighbour on the other side, no stamp can tell.
+    """
+    random, step = np.random.default_rng(seed), 0.002 * (1.0 + 1e-6 * ppm)
+    whole = np.arange(4000)
+    rows = whole[random.random(len(whole)) >= lost_part]
+    late = jitter_part * random.standard_normal(len(rows)).clip(-2.5, 2.5)
+    for k in np.flatnonzero((random.random(len(rows) - 2) < late_part) & (np.diff(rows)[1:] == 1)) + 1:
+        late[k] += random.uniform(0.0, 1.4)
+    # A stamp is later than that of the row before.
+    stamps = np.maximum.accumulate(step * (rows + late) - 1e-5 * np.arange(len(rows)))
+    stamps = stamps + 1e-5 * np.arange(len(rows))
+    counted = _counted(stamps)
+    np.testing.assert_array_equal(counted - counted[50], (rows - rows[50]).astype(float))
 
 
 @pytest.mark.parametrize(("fault", "rate", "noise"), CASES)

@@ -20,6 +20,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.polynomial.polynomial import polyfit, polyval
 from scipy.interpolate import CubicSpline
 from scipy.signal import savgol_filter
@@ -62,6 +63,9 @@ NEAR_COUNT = 0.5
 
 BURST = 0.5
 """Half of the steps shorter than this part of the mean step: samples were held back and stamped together."""
+
+LATE_ROWS = 8
+"""A row that is late is on time again within so many rows; what was lost stays lost in all that follow."""
 
 PULL = 0.05
 """Part of a stamp's lateness by which the counting follows a clock that drifts."""
@@ -118,16 +122,27 @@ def _distance(times: Array, stamps: Array) -> float:
 
 
 def _counted(time: Array) -> Array:
-    """Counts samples, (N,), and those that were lost: whoever is later than half a step counts one more."""
+    """Counts samples, (N,), and those that were lost: where all of the next rows are later than half a step.
+
+    A row alone that is later was stamped late.
+    """
     step, expected, count = _step(time), float(time[0]), 0
     index = np.zeros(len(time))
+    settled: list[float] = _on_time(time, step).tolist()
     for k, stamp in enumerate(time[1:].tolist(), start=1):
         expected, count = expected + step, count + 1
-        lost = max(0, round((stamp - expected) / step))
+        lost = max(0, round((settled[k] - expected) / step))
         expected, count = expected + lost * step, count + lost
         expected += PULL * (stamp - expected)
         index[k] = count
     return index
+
+
+def _on_time(time: Array, step: float) -> Array:
+    """When each row was due if the most punctual of it and the next ones was on time, (N,) [s]."""
+    due = step * np.arange(len(time))
+    ahead = np.concatenate([time - due, np.full(LATE_ROWS - 1, np.inf)])
+    return np.asarray(due + sliding_window_view(ahead, LATE_ROWS).min(axis=1))
 
 
 def _roughness(time: Array, position: Array) -> float:
