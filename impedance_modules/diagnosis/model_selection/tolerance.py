@@ -8,8 +8,9 @@ With good sensors and long recordings, torques of a thousandth of a joint's rang
 \tau a cause's torque in each recording, rms and range by itself: a joint that carries much in one recording excuses
 nothing in another; or what remains beside the noise, over all recordings, as the noise is. The range is that of the
 joint's torque (of reported velocities, that of its speed), s the tolerance. And the simulated motion must be as good
-without each cause as with it, and with all of them as near to the recorded one as its noise or the same share of the
-joint's motion allows; what remains in reported velocities alone changes none, as nothing is simulated with them.
+without each cause as with it, and with all of them, where something remains, as near to the recorded one as its noise
+or the same share of the joint's motion allows; what remains in reported velocities alone changes none, as nothing is
+simulated with them.
 """
 
 from __future__ import annotations
@@ -59,9 +60,7 @@ def set_small_aside(found: Diagnosis, evidence: Evidence, tolerance: float) -> D
     each = tolerance * np.array([ranges([item], evidence.design.groups) for item in evidence.prepared])
     small = [cause for cause in found.causes if is_small(cause, evidence, each)]
     nothing = len(small) == len(found.causes)
-    # What a cause that matters leaves is held to the noise alone: a wrong name comes near, too.
-    near = _near(evidence, tolerance if nothing else 0.0)
-    alike = found.remainder.of_velocities or stays_near(found.rollout, near)
+    alike = found.remainder.of_velocities or stays_near(found.rollout, _near(found, evidence, tolerance))
     passes = found.remainder.explained or (_left_is_small(found, evidence, limits) and alike)
     if nothing:
         return _without_gap(found) if passes else found
@@ -205,18 +204,26 @@ def stays_near(rollout: Rollout, near: Mapping[str, float]) -> bool:
 
     Args:
         rollout: The motion.
-        near: Joint -> error that counts as near, whatever the noise [rad or m].
+        near: Joint that is judged -> error that counts as near, whatever the noise [rad or m].
     """
     return all(
         drift.after <= max(DRIFT * drift.noise_floor, near[joint])
         for joint, drift in rollout.position.items()
+        if joint in near
     )
 
 
-def _near(evidence: Evidence, share: float) -> dict[str, float]:
-    """Joint -> a share of the range of its position over all recordings [rad or m]."""
+def _near(found: Diagnosis, evidence: Evidence, share: float) -> dict[str, float]:
+    """Joint -> a share of the range of its position over all recordings [rad or m]; where something remains.
+
+    Errors of other joints come from elsewhere, links that are not quite known: all joints only where none is known.
+    """
+    joints = evidence.prepared[0].tree.joints
     travel = np.ptp(np.concatenate([item.position for item in evidence.prepared]), axis=0)
-    return dict(zip(evidence.prepared[0].tree.joints, (share * travel).tolist(), strict=True))
+    failing = {joint for _, joint in found.remainder.failing} or set(joints)
+    return {
+        joint: share * float(moved) for joint, moved in zip(joints, travel, strict=True) if joint in failing
+    }
 
 
 def ranges(prepared: Sequence[Prepared], groups: Sequence[Group]) -> Array:

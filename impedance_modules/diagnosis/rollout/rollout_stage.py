@@ -99,9 +99,10 @@ def with_rollouts(
     known_effects: Sequence[EffectSpec],
     each: OrderedMap = map_here,
 ) -> Diagnosis:
-    """Adds the rollouts to a diagnosis; if all causes together worsen them, `explained` is `partly_explained`.
+    """Adds the rollouts to a diagnosis.
 
-    Single causes that worsen them are not named: see ``model_selection.naming``.
+    Causes that worsen them are not named: see ``model_selection.naming``. What all together change is no verdict: the
+    links that are fitted beside them change the motion, too.
 
     Args:
         found: The diagnosis by torques.
@@ -115,12 +116,7 @@ def with_rollouts(
     causes = tuple(
         replace(cause, rollout=rollout.causes.get((cause.effect, cause.port))) for cause in found.causes
     )
-    verdict, remainder = found.verdict, found.remainder
-    if verdict == "explained" and rollout.whole is not None and rollout.whole.verdict == "worsens":
-        verdict = "partly_explained"
-        words = f"{remainder.structure}; better torques but worse simulated motion with all causes together"
-        remainder = replace(remainder, explained=False, structure=words)
-    return replace(found, rollout=rollout, causes=causes, verdict=verdict, remainder=remainder)
+    return replace(found, rollout=rollout, causes=causes)
 
 
 def roll_out(
