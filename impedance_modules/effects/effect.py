@@ -26,7 +26,12 @@ from impedance_modules.arrays import Array
 from impedance_modules.compiled import Law
 from impedance_modules.effects.compensation_builder import CompensationBuilder, Diagnosed, IdentifiedNumbers
 from impedance_modules.effects.effect_description import Description, Port
-from impedance_modules.effects.joint_motion import JointSample, Shape, regularisation_velocity
+from impedance_modules.effects.joint_motion import (
+    REGULARISATION_VELOCITY,
+    JointSample,
+    Shape,
+    regularisation_velocity,
+)
 from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.regressor import Bound, Regressor, Site, one_row
 from impedance_modules.effects.residual_kinds import COVERS, STAGE_OF_PORT, Residual, Stage
@@ -233,8 +238,14 @@ class Effect(ABC):
         """Gives the shape for the next round of the regression; the same one when it has converged."""
         return {name: values.get(name, old) for name, old in shape.items()}
 
+    def refined(self, shape: Shape) -> tuple[str, ...]:
+        """Symbols of a shape that the regression moves off their grid: the law's, and a presliding displacement."""
+        return tuple(symbol for symbol in shape if symbol in self.shape or symbol == PRESLIDING)
+
     def nearest(self, symbol: str, value: float) -> float:
         """Gives the value within the physical bounds of a number that is nearest to one asked for."""
+        if symbol == PRESLIDING:
+            return min(value, PRESLIDING_DISPLACEMENTS[-1] * REGULARISATION_VELOCITY)
         if symbol not in self.description.symbols:
             return value
         parameter = self.description.parameter(symbol)

@@ -294,4 +294,5 @@ class Selector:
 
 def _moves(term: ModelTerm) -> bool:
     """Whether a shape is worth moving before a candidate is compared."""
-    return bool(term.candidate.effect.shape) and not term.candidate.effect.nearly_linear
+    effect = term.candidate.effect
+    return bool(effect.refined(term.shaped.shape)) and not effect.nearly_linear

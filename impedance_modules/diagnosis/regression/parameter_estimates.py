@@ -104,7 +104,7 @@ def estimates(
     candidate, shape = term.candidate, dict(term.shaped.shape)
     site = candidate.site(refiner.prepared[0].signals)
     coefficients = np.clip(model_fit.of(index), term.shaped.lower, term.shaped.upper)
-    symbols = [symbol for symbol in shape if symbol in candidate.effect.shape]
+    symbols = list(candidate.effect.refined(shape))
 
     def values(x: Array) -> dict[str, float]:
         moved = {**shape, **dict(zip(symbols, map(float, x[len(coefficients) :]), strict=True))}
@@ -160,7 +160,7 @@ def beyond_simpler(model_fit: ModelFit, refiner: ShapeRefiner, index: int) -> bo
 def _own_covariance(model_fit: ModelFit, refiner: ShapeRefiner, index: int) -> Array:
     """Of a term's coefficients, (p, p), in their own units."""
     term = model_fit.model[index]
-    symbols = [symbol for symbol in term.shaped.shape if symbol in term.candidate.effect.shape]
+    symbols = list(term.candidate.effect.refined(term.shaped.shape))
     return _covariance(model_fit, refiner, index, symbols)[: term.shaped.size, : term.shaped.size]
 
 

@@ -95,7 +95,7 @@ class ShapeRefiner:
     def slopes(self, term: ModelTerm, coefficients: Array) -> dict[str, tuple[Mapping[int, Array], ...]]:
         """What each nonlinear parameter changes per unit, symbol -> recording -> group -> (M,), whitened."""
         out: dict[str, tuple[Mapping[int, Array], ...]] = {}
-        for symbol in term.candidate.effect.shape:
+        for symbol in term.candidate.effect.refined(term.shaped.shape):
             value = term.shaped.shape.get(symbol)
             if value is None:
                 continue
@@ -116,7 +116,7 @@ class ShapeRefiner:
 
     def refine(self, model_fit: ModelFit, term: ModelTerm) -> ModelTerm:
         """Improves a candidate's shape beside a model; gives back what came in where nothing is better."""
-        if term.generic or not term.candidate.effect.shape:
+        if term.generic or not term.candidate.effect.refined(term.shaped.shape):
             return term
         best = self._within_bounds(ModelFit(model_fit.design, model_fit.folds, [*model_fit.model, term]))
         for _ in range(ROUNDS):

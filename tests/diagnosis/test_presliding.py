@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Dry friction that bends before it slides, over any way up to a milliradian, is dry friction of its own size."""
+
+import numpy as np
+import pytest
+
+from impedance_modules.diagnosis.model_selection.forward_selection import Selector
+from impedance_modules.effects.effect import PRESLIDING
+from impedance_modules.effects.joint_motion import follow
+from tests.diagnosis.test_diagnosis import JOINTS, answer, motion, torque
+from tests.support.recordings import columns_of, save
+
+FRICTION = 1.5
+
+
+@pytest.mark.parametrize("stretch", [0.25e-3, 0.55e-3, 0.8e-3])
+def test_the_way_until_dry_friction_slides_is_found(tmp_path, monkeypatch, stretch):
+    """Between two of the ways that are tried first, where both are hundreds of nats worse than the true one."""
+    shapes = []
+    simplest = Selector.simplest
+
+    def seen(selector, model):
+        shapes[:] = [term.shaped.shape for term in model if term.key[0] == "coulomb_friction"]
+        return simplest(selector, model)
+
+    monkeypatch.setattr(Selector, "simplest", seen)
+    paths = []
+    for index, kind in enumerate((0, 1, 2, 0)):
+        dice = np.random.default_rng(index)
+        t, q, v, a = motion(kind, 15.0)
+        friction = FRICTION * follow(q[:, 1], stretch)
+        tau = torque(q, v, a, mass=1.0) + np.column_stack([0.0 * friction, friction])
+        tau = tau + dice.normal(scale=0.02, size=q.shape)
+        q = q + dice.normal(scale=1e-6, size=q.shape)
+        paths.append(save(tmp_path, f"run{index}", columns_of(t, JOINTS, position=q, velocity=v, effort=tau)))
+    _, said = answer(tmp_path, paths)
+    (cause,) = said["causes"]
+    assert (cause["effect"], cause["joints"]) == ("coulomb_friction", ["elbow"])
+    assert cause["parameters"]["elbow"]["fc"]["value"] == pytest.approx(FRICTION, rel=0.03)
+    assert [shape[PRESLIDING] for shape in shapes] == [pytest.approx(stretch, rel=0.2)]
