@@ -202,10 +202,18 @@ class TorqueSaturation(DriveLaw):
         builder.drive_limit[joints] = np.minimum(builder.drive_limit[joints], limits)
 
 
-def lagged(values: Array, time: Array, constant: float) -> Array:
-    """Follows values (N,) with a first-order lag, settled at the start; exact for straight pieces between samples."""
+def lagged(values: Array, time: Array, constant: float, start: float | None = None) -> Array:
+    """Follows values (N,) with a first-order lag; exact for straight pieces between samples.
+
+    Args:
+        values: (N,) at the times.
+        time: (N,) [s].
+        constant: Time constant [s].
+        start: What the lag gives at first; None where it has settled.
+    """
     if constant < 1e-9:
         return values.copy()
+    first = float(values[0]) if start is None else start
     steps = np.diff(time)
     keep = np.exp(-steps / constant)
     # Over a straight piece u(s) = u_0 + r s the lag's particular solution is u(s) - r T.
@@ -215,10 +223,10 @@ def lagged(values: Array, time: Array, constant: float) -> Array:
     if np.ptp(steps) < 1e-6 * steps[0]:
         from scipy.signal import lfilter  # noqa: PLC0415 - a slow import that a run does without
 
-        start = np.array([keep[0] * values[0]])
-        return np.concatenate([values[:1], lfilter([1.0], [1.0, -keep[0]], push, zi=start)[0]])
+        before = np.array([keep[0] * first])
+        return np.concatenate([[first], lfilter([1.0], [1.0, -keep[0]], push, zi=before)[0]])
     out = np.empty_like(values)
-    out[0] = state = values[0]
+    out[0] = state = first
     for i in range(steps.size):
         out[i + 1] = state = keep[i] * state + push[i]
     return out

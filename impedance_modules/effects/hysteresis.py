@@ -19,7 +19,7 @@ from impedance_modules.arrays import Array
 from impedance_modules.compiled import compiled
 from impedance_modules.effects.effect import Effect, Values
 from impedance_modules.effects.effect_description import Description, Parameter, Port, joint_parameter
-from impedance_modules.effects.joint_motion import CompiledTorque, JointMotion, Shape, bent, follow
+from impedance_modules.effects.joint_motion import CompiledTorque, JointMotion, Shape, bent
 from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.regressor import Regressor, Site, one_row
 from impedance_modules.effects.residual_kinds import Residual
@@ -74,10 +74,8 @@ class Hysteresis(Effect):
     )
 
     def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
-        """Follows the bristles along the recorded positions, unbent at the start."""
-        return one_row(
-            site.joint, follow(site.sample().position, float(shape[STRETCH]), float(shape[EXPONENT]))
-        )
+        """Follows the bristles along the recorded positions, unbent where the recording began."""
+        return one_row(site.joint, site.bristles(float(shape[STRETCH]), float(shape[EXPONENT])))
 
     def unresolved(self, shape: Shape, resolution: float) -> str | None:
         """Bristles that slip within a few counts, or as soon as those of any dry friction, are dry friction."""

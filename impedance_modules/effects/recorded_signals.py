@@ -96,6 +96,8 @@ class Signals:
             otherwise gain by smoothing the noise that the residual carries too.
         clean_acceleration: ``acceleration`` as far as it is motion; None where nobody says. Columns are made of it.
         reading: ``effort`` as it was read, where ``effort`` was cleaned: for laws that need no more than its sign.
+        reported_velocity: As reported beside the positions [rad/s], or None.
+        path_before: (K, n) positions before the first sample, from which bristles are bent [rad], or None.
     """
 
     model: RigidModel
@@ -120,6 +122,8 @@ class Signals:
     hands: tuple[str, ...] = ()
     carried: CarriedObject | None = None
     reading: Array | None = None
+    reported_velocity: Array | None = None
+    path_before: Array | None = None
 
     @property
     def samples(self) -> int:
@@ -281,11 +285,14 @@ class Signals:
         return kept[body]
 
     def bristles(self, joint: int, stretch: float, exponent: float, *, motor_side: bool) -> Array:
-        """Bend of bristles along a joint's path (N,), computed once."""
+        """Bend of bristles along a joint's path (N,), unbent where the recording began; computed once."""
         kept: dict[tuple[int, float, float, bool], Array] = self.__dict__.setdefault("_bristles", {})
         key = (joint, stretch, exponent, motor_side)
         if key not in kept:
-            kept[key] = follow(self.sample(joint, motor_side=motor_side).position, stretch, exponent)
+            path, earlier = self.sample(joint, motor_side=motor_side).position, np.zeros(0)
+            if self.path_before is not None:
+                earlier = self.path_before[:, joint] + (path[0] - self.position[0, joint])
+            kept[key] = follow(np.concatenate([earlier, path]), stretch, exponent)[earlier.size :]
         return kept[key]
 
     def sample(self, joint: int, *, motor_side: bool) -> JointSample:

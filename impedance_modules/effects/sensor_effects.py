@@ -300,8 +300,11 @@ class VelocityFilterLag(Stepped):
         signals = site.signals
         joint, T = site.joint, float(shape["T"])
         true, change = signals.encoder_velocity[:, joint], 0.02 * T + 1e-5
-        slow = lagged(true, signals.time, T)
-        slope = (lagged(true, signals.time, T + change) - slow) / change
+        # A segment begins in the middle of a motion: what the lag gives there is what was reported.
+        known = signals.reported_velocity
+        start = None if known is None else float(known[0, joint])
+        slow = lagged(true, signals.time, T, start)
+        slope = (lagged(true, signals.time, T + change, start) - slow) / change
         return one_row(joint, slope, slow - true, lower=-T)
 
     def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:

@@ -22,6 +22,10 @@ class InsufficientData(ImpedanceError):  # noqa: N818 - as its siblings are call
     exit_code = 7
 
 
+PATH_BEFORE = 30.0
+"""Length of the path before a segment that is kept: bristles forget what is older [s]."""
+
+
 @dataclass(frozen=True, eq=False)
 class Log:
     """One recording on an even time base, N samples of n joints; what was not measured is None.
@@ -48,6 +52,8 @@ class Log:
         carrying: (N,) samples in which hands hold it for certain, and nothing is touched; None where there are none.
         gaps: (G, 2) times of the last sample before and of the first after several lost ones in a row, since the
             recording began [s].
+        path_before: (K, n) positions of a segment's recording up to its first sample [rad]; None where nothing was
+            recorded before.
     """
 
     name: str
@@ -69,6 +75,7 @@ class Log:
     task_object: TaskObject | None = None
     carrying: Mask | None = None
     gaps: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    path_before: Array | None = None
 
     @property
     def samples(self) -> int:
@@ -100,6 +107,9 @@ class Log:
             in_contact=None if self.in_contact is None else self.in_contact[piece],
             rounding=cut(self.rounding),
             carrying=None if self.carrying is None else self.carrying[piece],
+            path_before=self.position[max(0, first - round(PATH_BEFORE * self.rate)) : first]
+            if first
+            else None,
         )
 
 

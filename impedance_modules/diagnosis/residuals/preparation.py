@@ -40,6 +40,9 @@ from impedance_modules.spec.patch_file import EffectSpec
 AppliedEffect = tuple[str, Port, Mapping[str, Mapping[str, float]]]
 """Id of an effect, its port, and key -> symbol -> value."""
 Record = TypeVar("Record", "Prepared", Signals, Log)
+FILTERED_MIN = 50
+"""Least samples of a path before a segment that are filtered."""
+
 SPRING_ROUNDS = 2
 """Times that a spring's load is computed from the motion of a link that it moves."""
 
@@ -218,8 +221,16 @@ def _signals(
         spring_compliance=model.compliance,
         encoders=model.encoders,
         deflection_cutoffs=deflection_cutoffs(log),
+        reported_velocity=None if log.velocity is None else band.smooth(log.velocity),
+        path_before=_path_before(log, band),
     )
     return _in_one_piece(found)
+
+
+def _path_before(log: Log, band: Band) -> Array | None:
+    """Path (K, n) before a segment, filtered as its own is; None where it is too short for that."""
+    path = log.path_before
+    return None if path is None or len(path) < FILTERED_MIN else band.smooth(path)
 
 
 def _residuals(log: Log, model: NominalModel, s: Signals, torque: Array) -> dict[Residual, Array]:
@@ -238,8 +249,8 @@ def _residuals(log: Log, model: NominalModel, s: Signals, torque: Array) -> dict
             found["drive"] = s.drive - s.effort
     elif s.drive is not None:
         found["whole"] = s.drive - torque - rotor
-    if log.velocity is not None:
-        found["velocity"] = log.velocity - _lagged(s.encoder_velocity, model.velocity_filter, s.time)
+    if log.velocity is not None and s.reported_velocity is not None:
+        found["velocity"] = log.velocity - _lagged(s, model.velocity_filter)
     return found
 
 
@@ -273,9 +284,11 @@ def _drive(log: Log, model: NominalModel, weight: Array, band: Band) -> Array | 
     return smooth + weight if log.gravity_compensation == "robot" else smooth
 
 
-def _lagged(values: Array, time_constant: float, time: Array) -> Array:
-    """Passes velocities (N, n) through the first-order lag of the reported ones."""
-    return np.column_stack([lagged(column, time, time_constant) for column in values.T])
+def _lagged(s: Signals, time_constant: float) -> Array:
+    """Passes the encoders' velocities (N, n) through the first-order lag of the reported ones, from its start on."""
+    starts = s.encoder_velocity[0] if s.reported_velocity is None else s.reported_velocity[0]
+    columns = zip(s.encoder_velocity.T, starts.tolist(), strict=True)
+    return np.column_stack([lagged(column, s.time, time_constant, start) for column, start in columns])
 
 
 def _thinned(log: Log, common: CommonBand) -> Log:
@@ -302,6 +315,7 @@ def _thinned(log: Log, common: CommonBand) -> Log:
         surroundings=log.surroundings,
         task_object=log.task_object,
         gaps=log.gaps,
+        path_before=take(log.path_before),
     )
     return _in_one_piece(thinned)
 
