@@ -18,6 +18,7 @@ SALT = {
     "real": "a stranger's recordings",
     "second": "the same stranger, a year later",
     "third": "the same stranger, two years later",
+    "fourth": "the same stranger, three years later",
     "smoke": "only to see that it is read",
 }
 
