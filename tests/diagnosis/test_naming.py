@@ -157,7 +157,7 @@ def fitted(
 ) -> bool:
     one = SimpleNamespace(
         shaped=SimpleNamespace(size=len(coefficients), shape={}, fixed=fixed),
-        candidate=SimpleNamespace(effect=SimpleNamespace(shape=())),
+        candidate=SimpleNamespace(effect=SimpleNamespace(refined=lambda shape: ())),
     )
     monkeypatch.setattr(parameter_estimates, "_covariance", lambda *rest: covariance)
     return beyond_chance(SimpleNamespace(model=[one], of=lambda index: coefficients), None, 0)
@@ -200,7 +200,7 @@ def test_a_spring_without_a_certain_stiffness_is_an_offset(
     """Of k and preload, k makes it a spring; it is not negative, whatever the noise says."""
     one = SimpleNamespace(
         shaped=SimpleNamespace(size=2, shape={}, lower=np.array([0.0, -np.inf]), upper=np.full(2, np.inf)),
-        candidate=SimpleNamespace(effect=SimpleNamespace(shape=(), contrasts=((1.0, 0.0),))),
+        candidate=SimpleNamespace(effect=SimpleNamespace(refined=lambda shape: (), contrasts=((1.0, 0.0),))),
     )
     covariance = np.array([[error**2, 0.1 * error], [0.1 * error, 0.04]])
     monkeypatch.setattr(parameter_estimates, "_covariance", lambda *rest: covariance)
