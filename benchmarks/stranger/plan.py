@@ -19,6 +19,7 @@ SALT = {
     "second": "the same stranger, a year later",
     "third": "the same stranger, two years later",
     "fourth": "the same stranger, three years later",
+    "fifth": "the same stranger, four years later",
     "smoke": "only to see that it is read",
 }
 

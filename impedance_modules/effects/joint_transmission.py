@@ -18,6 +18,7 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from impedance_modules.arrays import Array
 from impedance_modules.compiled import compiled
@@ -279,7 +280,7 @@ def place_in_play(load: Array) -> Array:
     Between two loads of opposite sign it crosses under a nearly constant torque, from rest: along a parabola.
     Where a joint is never loaded nothing is known, and it is taken to be in the middle.
     """
-    touching = np.flatnonzero(np.abs(load) > UNLOADED * np.sqrt(np.mean(load**2)))
+    touching = np.flatnonzero(np.abs(load) > _least_load(load))
     if touching.size == 0:
         return np.zeros(load.size)
     side = 0.5 * np.sign(load[touching])
@@ -289,6 +290,17 @@ def place_in_play(load: Array) -> Array:
     begin, end = touching[before], touching[after]
     share = np.where(end > begin, (every - begin) / np.maximum(end - begin, 1), 0.0)
     return np.asarray(side[before] + (side[after] - side[before]) * np.clip(share, 0.0, 1.0) ** 2)
+
+
+def unloaded(load: Array) -> NDArray[np.bool_]:
+    """Samples (N,) in which the teeth may be apart, or after which the other flank carries the load (N,)."""
+    apart = np.abs(load) <= _least_load(load)
+    apart[1:] |= load[1:] * load[:-1] <= 0.0
+    return np.asarray(apart)
+
+
+def _least_load(load: Array) -> float:
+    return UNLOADED * float(np.sqrt(np.mean(load**2)))
 
 
 class TransmissionCoupling(Effect):

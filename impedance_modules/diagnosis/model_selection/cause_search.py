@@ -23,8 +23,10 @@ from impedance_modules.diagnosis.model_selection.external_pushes import (
     torque_of,
 )
 from impedance_modules.diagnosis.model_selection.forward_selection import Selection, Selector
+from impedance_modules.diagnosis.model_selection.load_reversals import load_reversal_note, rows_on_one_flank
 from impedance_modules.diagnosis.model_selection.reversals import reversal_note, rows_without_reversals
 from impedance_modules.diagnosis.regression.candidates import (
+    Candidate,
     CandidateRegressor,
     candidate_regressors,
     list_candidates,
@@ -49,6 +51,7 @@ from impedance_modules.diagnosis.regression.sensor_noise import read_noise
 from impedance_modules.diagnosis.regression.shape_refinement import ShapeRefiner
 from impedance_modules.diagnosis.regression.whitening import Whitening
 from impedance_modules.diagnosis.residuals.contact_mask import (
+    Mask,
     contact_free_rows,
     intersect_masks,
     rows_of_link_residuals,
@@ -57,6 +60,7 @@ from impedance_modules.diagnosis.residuals.gap_mask import rows_of_all_residuals
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.external_contact import ExternalContact
+from impedance_modules.effects.joint_transmission import Backlash
 from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.effects.residual_kinds import uses_motion
 from impedance_modules.worker_processes import OrderedMap, map_here
@@ -66,6 +70,9 @@ Progress = Callable[[str], None]
 
 CandidateKey = tuple[str, str, str]
 """Effect, what carries its numbers, and port."""
+
+LinkMask = Mapping[tuple[int, int], Mask]
+"""Recording and group -> (M,) rows that count."""
 
 SQUARES_RATIO_MAX = 1.2
 """Largest ratio of the squares left by a search on masked rows to those left by the causes found on all rows."""
@@ -95,9 +102,18 @@ def search_causes(
         each: Where recordings are worked on, one by one.
         refused: Candidates that are left out.
     """
-    selector = _selector(prepared, split, model, without, each, refused)
-    progress("searching")
-    found = selector.run(progress)
+    # What happened at one time in one recording can be confirmed by no other: it is searched for by itself.
+    bound = {effect.id for effect in CATALOGUE.values() if effect.bound_to_recording}
+    candidates = [
+        candidate
+        for candidate in list_candidates(CATALOGUE, prepared, {*without, *bound})
+        if (candidate.effect.id, candidate.key, candidate.port) not in refused
+    ]
+
+    def make(clear: LinkMask) -> Selector:
+        return _selector(prepared, split, model, candidates, each, clear)
+
+    selector, found, crossings = _without_load_reversals(make({}), make, prepared, progress)
     selector, found, notes = _without_reversals(selector, found, prepared, progress)
     pushes: tuple[ExternalPush, ...] = ()
     if ExternalContact.description.id not in without:
@@ -109,27 +125,33 @@ def search_causes(
         # With the causes known, differences between repeated motions no longer raise the noise floor.
         left = [plain.left(model_fit, r) for r in range(len(prepared))]
         floor = noise_by_repeats(left, prepared, selector.design.nuisance, pairs, floor.clear)
-    return Evidence(selector, split.heldout, prepared, model_fit, floor, plain, found.refusal, pushes, notes)
+    return Evidence(
+        selector,
+        split.heldout,
+        prepared,
+        model_fit,
+        floor,
+        plain,
+        found.refusal,
+        pushes,
+        (*crossings, *notes),
+    )
 
 
 def _selector(
     prepared: tuple[Prepared, ...],
     split: DataSplit,
     model: NominalModel,
-    without: Collection[str],
+    candidates: Sequence[Candidate],
     each: OrderedMap,
-    refused: Collection[CandidateKey] = (),
+    clear: LinkMask,
 ) -> Selector:
-    """Builds the columns of all candidates, the noise floor and the design; rows in contact and at gaps are masked."""
+    """Builds the columns of all candidates, the noise floor and the design; rows in contact and at gaps are masked.
+
+    Rows that are not ``clear`` are masked as well.
+    """
     signals = _cleaned(prepared, split)
-    # What happened at one time in one recording can be confirmed by no other: it is searched for by itself.
-    bound = {effect.id for effect in CATALOGUE.values() if effect.bound_to_recording}
-    shaped = [
-        (candidate, shape)
-        for candidate in list_candidates(CATALOGUE, prepared, {*without, *bound})
-        if (candidate.effect.id, candidate.key, candidate.port) not in refused
-        for shape in shapes_of(candidate, signals)
-    ]
+    shaped = [(candidate, shape) for candidate in candidates for shape in shapes_of(candidate, signals)]
     residuals = list(prepared[0].residuals)
     generic = generic_basis(prepared, residuals)
     regressors = candidate_regressors(shaped, prepared, signals, residuals, each)
@@ -139,6 +161,7 @@ def _selector(
         rows_of_link_residuals(contact_free_rows(prepared, split.fitted), nuisance.groups),
         rows_of_all_residuals(rows_without_gaps(prepared), len(nuisance.groups)),
     )
+    mask = intersect_masks(mask, clear)
     floor = _floor(raw, prepared, nuisance, [*generic, *_simple_candidates(regressors)], split.fitted, mask)
     rate = prepared[0].band.rate / prepared[0].band.step
     names = [item.log.name for item in prepared]
@@ -178,6 +201,30 @@ def _without_reversals(
         # Nothing dry is left, so dry friction is no reason to leave its reversals out.
         return selector, found, ()
     return masked, again, reversal_note(sliding, prepared, design.groups)
+
+
+def _without_load_reversals(
+    selector: Selector, make: Callable[[LinkMask], Selector], prepared: Sequence[Prepared], progress: Progress
+) -> tuple[Selector, Selection, tuple[str, ...]]:
+    """Searches without the rows in which a link may cross its play unseen, and says so; else with all rows.
+
+    These rows are known before anything is searched: they raise the noise floor, and then all sorts of causes pass
+    as explained. It holds if play is found at one of the joints that lost rows.
+    """
+    loaded, joint = rows_on_one_flank(selector.model_fit([]), prepared)
+    if joint is not None:
+        progress("masking reversals of the load")
+        masked = make(loaded)
+        found = masked.run(progress)
+        play = [
+            term.candidate.joints
+            for term in found.causes
+            if term.candidate.effect.id == Backlash.description.id
+        ]
+        if (prepared[0].tree.joints[joint],) in play:
+            return masked, found, (load_reversal_note(joint, loaded, prepared),)
+    progress("searching")
+    return selector, selector.run(progress), ()
 
 
 def _without_pushes(

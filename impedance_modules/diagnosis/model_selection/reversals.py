@@ -57,7 +57,7 @@ def rows_without_reversals(
         joint = prepared[0].tree.joints.index(term.candidate.joints[0])
         clear = [_sliding(item, joint) for item in prepared]
         for group in term.groups:
-            if _understood(model_fit, group, clear):
+            if kept_share(clear) < KEPT or power_ratio(model_fit, group, clear) <= MORE:
                 continue
             out |= {(r, group): mask for r, mask in enumerate(clear)}
     return out
@@ -97,10 +97,11 @@ def _sliding(item: Prepared, joint: int) -> Mask:
     return np.asarray(~binary_dilation(still, iterations=reach))
 
 
-def _understood(model_fit: ModelFit, group: int, clear: Sequence[Mask]) -> bool:
-    """Whether reversals leave about as much as other rows of a group, or nearly everything is a reversal."""
-    if sum(int(mask.sum()) for mask in clear) < KEPT * sum(mask.size for mask in clear):
-        return True
+def power_ratio(model_fit: ModelFit, group: int, clear: Sequence[Mask]) -> float:
+    """Power left in the rows of a group that masks (M,) leave out, over that in the others; zero without either.
+
+    Recordings of which rows are left out already do not count.
+    """
     known = model_fit.design.whitening.clear
     near, apart = [], []
     for r, mask in enumerate(clear):
@@ -115,4 +116,9 @@ def _understood(model_fit: ModelFit, group: int, clear: Sequence[Mask]) -> bool:
         float(np.mean(np.concatenate(part))) if part and sum(map(len, part)) else 0.0
         for part in (near, apart)
     ]
-    return powers[0] <= MORE * powers[1]
+    return powers[0] / powers[1] if powers[1] > 0.0 else 0.0
+
+
+def kept_share(clear: Sequence[Mask]) -> float:
+    """Part of the rows that masks (M,) keep."""
+    return sum(int(mask.sum()) for mask in clear) / sum(mask.size for mask in clear)
