@@ -160,6 +160,22 @@ def test_a_push_in_one_of_two_repeats_does_not_raise_the_noise(seed: int, push: 
     assert np.array_equal(without_disturbed([[alone], quiet[1], quiet[2]], shown, RATE)[0][0], alone)
 
 
+@settings(max_examples=25)
+@given(st.integers(0, 10_000), st.floats(5.0, 100.0), st.floats(0.02, 0.19))
+def test_a_push_does_not_shift_the_other_moments_of_a_difference(
+    seed: int, push: float, share: float
+) -> None:
+    """By the mean of a difference a push of 20 for a sixth of the time would be three times the noise elsewhere."""
+    random = np.random.default_rng(seed)
+    both = random.standard_normal((2, 2, len(TIME)))
+    during = np.arange(len(TIME)) < round(share * len(TIME))
+    both[0] += push * during
+    shown = np.ones(len(TIME), dtype=bool)
+    apart = [[judged._difference(one, other, shown)] for one, other in zip(*both, strict=True)]
+    for (rest,) in without_disturbed(apart, [[shown], [shown]], RATE):
+        assert np.mean(rest[~during] ** 2) == pytest.approx(1.0, rel=0.35)
+
+
 def _recordings(*sizes: float, effort: bool = True) -> list[SimpleNamespace]:
     """Two joints that carry a slow load; noise of some size on the first one's sensor, of size one on the other's."""
     random = np.random.default_rng(7)

@@ -1,13 +1,18 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What the search does around the selection: pushes masked and found again, and what the flexible model may use."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from impedance_modules.diagnosis.model_selection import cause_search
+from impedance_modules.diagnosis.model_selection import cause_search, search_beside_pushes
+from impedance_modules.diagnosis.regression.design_matrix import Design
 from impedance_modules.effects.catalogue import CATALOGUE
+from tests.support.selection_samples import fitted, random_design
 
 
 def term(name: str) -> SimpleNamespace:
@@ -35,21 +40,23 @@ def selector(name: str, left: dict[str, float], lost: tuple[str, ...] = ()) -> S
 @pytest.mark.parametrize(("again", "well"), [(100.0, True), (119.0, True), (121.0, False)])
 def test_causes_of_masked_rows_must_explain_them_about_as_well(again: float, well: bool) -> None:
     masked = selector("masked", {"b": again, "a": 100.0, "ac": 50.0})
-    assert cause_search._fits_as_well(masked, [term("b")], [term("a")]) is well
+    assert search_beside_pushes._fits_as_well(masked, [term("b")], [term("a")]) is well
     # A first cause that cannot be moved to the masked rows is compared without.
     masked = selector("masked", {"b": again, "a": 100.0, "ac": 50.0}, lost=("c",))
-    assert cause_search._fits_as_well(masked, [term("b")], [term("a"), term("c")]) is well
+    assert search_beside_pushes._fits_as_well(masked, [term("b")], [term("a"), term("c")]) is well
 
 
 def test_pushes_are_found_again_by_a_model_that_was_fitted_without_them(monkeypatch) -> None:
     seen = []
-    monkeypatch.setattr(cause_search, "_noticeable_pushes", lambda *given: seen.append(given) or ("again",))
+    monkeypatch.setattr(
+        search_beside_pushes, "_noticeable_pushes", lambda *given: seen.append(given) or ("again",)
+    )
     masked = selector("masked", {})
     causes = [term("a"), term("b")]
-    assert cause_search._refitted_pushes(selector("all", {}), masked, causes, ["items"]) == ("again",)
+    assert search_beside_pushes._refitted_pushes(selector("all", {}), masked, causes, ["items"]) == ("again",)
     ((model_fit, items, coefficients),) = seen
     assert (model_fit.name, items, coefficients) == ("ab on all", ["items"], "ab on masked")
-    assert cause_search._refitted_pushes(selector("all", {}, lost=("b",)), masked, causes, []) == ()
+    assert search_beside_pushes._refitted_pushes(selector("all", {}, lost=("b",)), masked, causes, []) == ()
 
 
 def test_a_push_counts_if_it_turns_some_joint_by_more_than_is_negligible(monkeypatch) -> None:
@@ -57,11 +64,53 @@ def test_a_push_counts_if_it_turns_some_joint_by_more_than_is_negligible(monkeyp
     pushes = tuple(SimpleNamespace(recording=r) for r in (0, 1, 1))
     torques = iter([np.array([0.5, 0.05]), np.array([0.5, 0.15]), np.array([1.5, 0.0])])
     groups = (("link", 0), ("link", 1), ("actuator", 0), ("velocity", 1))
-    monkeypatch.setattr(cause_search, "find_pushes", lambda *given: pushes)
-    monkeypatch.setattr(cause_search, "negligible", lambda prepared, groups: np.array([1.0, 0.1, 0.0, 0.0]))
-    monkeypatch.setattr(cause_search, "torque_of", lambda push, item: next(torques))
+    monkeypatch.setattr(search_beside_pushes, "find_pushes", lambda *given: pushes)
+    monkeypatch.setattr(
+        search_beside_pushes, "negligible", lambda prepared, groups: np.array([1.0, 0.1, 0.0, 0.0])
+    )
+    monkeypatch.setattr(search_beside_pushes, "torque_of", lambda push, item: next(torques))
     model_fit = SimpleNamespace(design=SimpleNamespace(groups=groups))
-    assert cause_search._noticeable_pushes(model_fit, [None, None]) == pushes[1:]
+    assert search_beside_pushes._noticeable_pushes(model_fit, [None, None]) == pushes[1:]
+
+
+def calm_coefficients(design: Design, seconds_a_row: float = 0.05):
+    """Of the links alone, by the moments in which nothing touched the arm."""
+
+    def without(masks) -> Design:
+        y, Z = [list(found) for found in design.y], [list(found) for found in design.Z]
+        for (r, g), mask in masks.items():
+            y[r][g], Z[r][g] = y[r][g] * mask, Z[r][g] * mask[:, None]
+        return replace(design, y=tuple(map(tuple, y)), Z=tuple(map(tuple, Z)))
+
+    def on(own: Design) -> SimpleNamespace:
+        return SimpleNamespace(model_fit=lambda causes: fitted(own))
+
+    items = [
+        SimpleNamespace(samples=len(found[0]), band=SimpleNamespace(rate=1.0 / seconds_a_row, step=1))
+        for found in design.y
+    ]
+    whole = SimpleNamespace(groups=design.groups, whitening=design.whitening, without=without)
+    selector = SimpleNamespace(design=whole, model_fit=lambda causes: fitted(design), on=on)
+    return search_beside_pushes._calm_coefficients(selector, [], items)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10_000), st.floats(30.0, 300.0), st.integers(10, 60))
+def test_a_push_does_not_pull_the_links_along(seed: int, push: float, begin: int) -> None:
+    clean = random_design(np.random.default_rng(seed), [])
+    y = [list(found) for found in clean.y]
+    during = (np.arange(len(y[0][0])) >= begin) & (np.arange(len(y[0][0])) < begin + 20)
+    for g in (0, 1):
+        y[0][g] = y[0][g] + push * during * clean.Z[0][g][:, 0]
+    pushed = replace(clean, y=tuple(map(tuple, y)))
+    links = fitted(clean).whole.coefficients
+    found, by_all = calm_coefficients(pushed), fitted(pushed).whole.coefficients
+    assert np.linalg.norm(found - links) < 0.2 < np.linalg.norm(by_all - links)
+
+
+@given(st.integers(0, 10_000))
+def test_without_a_push_all_moments_count(seed: int) -> None:
+    assert calm_coefficients(random_design(np.random.default_rng(seed), [])) is None
 
 
 @pytest.fixture
@@ -69,17 +118,21 @@ def searched(monkeypatch):
     """Looks for pushes; the search on masked rows finds b, and the pushes again if it is told so."""
 
     def run(pushes: tuple, well: bool, refitted: tuple):
-        monkeypatch.setattr(cause_search, "_noticeable_pushes", lambda model_fit, prepared: pushes)
-        monkeypatch.setattr(cause_search, "rows_of_link_residuals", lambda rows, groups: rows)
-        monkeypatch.setattr(cause_search, "rows_without_pushes", lambda pushes, prepared: {})
-        monkeypatch.setattr(cause_search, "intersect_masks", lambda one, other: {})
-        monkeypatch.setattr(cause_search, "_fits_as_well", lambda *given: well)
-        monkeypatch.setattr(cause_search, "_refitted_pushes", lambda *given: refitted)
+        monkeypatch.setattr(
+            search_beside_pushes, "_noticeable_pushes", lambda model_fit, prepared, calm: pushes
+        )
+        monkeypatch.setattr(search_beside_pushes, "rows_of_link_residuals", lambda rows, groups: rows)
+        monkeypatch.setattr(search_beside_pushes, "rows_without_pushes", lambda pushes, prepared: {})
+        monkeypatch.setattr(search_beside_pushes, "intersect_masks", lambda one, other: {})
+        monkeypatch.setattr(search_beside_pushes, "_fits_as_well", lambda *given: well)
+        monkeypatch.setattr(search_beside_pushes, "_refitted_pushes", lambda *given: refitted)
         first, masked = selector("all", {}), selector("masked", {})
         masked.run = lambda progress: SimpleNamespace(causes=(term("b"),))
         first.on = lambda design: masked
         said = []
-        found = cause_search._without_pushes(first, SimpleNamespace(causes=(term("a"),)), [], said.append)
+        found = search_beside_pushes.without_pushes(
+            first, SimpleNamespace(causes=(term("a"),)), [], said.append
+        )
         return "masked" if found[0] is masked else "all", found[1].causes[0].name, found[2], bool(said)
 
     return run

@@ -16,15 +16,11 @@ from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.folds import DataSplit
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
 from impedance_modules.diagnosis.model_selection.evidence import Evidence, above_negligible, negligible
-from impedance_modules.diagnosis.model_selection.external_pushes import (
-    ExternalPush,
-    find_pushes,
-    rows_without_pushes,
-    torque_of,
-)
+from impedance_modules.diagnosis.model_selection.external_pushes import ExternalPush
 from impedance_modules.diagnosis.model_selection.forward_selection import Selection, Selector
 from impedance_modules.diagnosis.model_selection.load_reversals import load_reversal_note, rows_on_one_flank
 from impedance_modules.diagnosis.model_selection.reversals import reversal_note, rows_without_reversals
+from impedance_modules.diagnosis.model_selection.search_beside_pushes import without_pushes
 from impedance_modules.diagnosis.regression.candidates import (
     Candidate,
     CandidateRegressor,
@@ -62,7 +58,6 @@ from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.external_contact import ExternalContact
 from impedance_modules.effects.joint_transmission import Backlash
 from impedance_modules.effects.recorded_signals import Signals
-from impedance_modules.effects.residual_kinds import uses_motion
 from impedance_modules.worker_processes import OrderedMap, map_here
 
 Progress = Callable[[str], None]
@@ -73,9 +68,6 @@ CandidateKey = tuple[str, str, str]
 
 LinkMask = Mapping[tuple[int, int], Mask]
 """Recording and group -> (M,) rows that count."""
-
-SQUARES_RATIO_MAX = 1.2
-"""Largest ratio of the squares left by a search on masked rows to those left by the causes found on all rows."""
 
 SIGMA = 1.96
 """Standard deviations of 95 % confidence, inflated as those in the result."""
@@ -117,7 +109,7 @@ def search_causes(
     selector, found, notes = _without_reversals(selector, found, prepared, progress)
     pushes: tuple[ExternalPush, ...] = ()
     if ExternalContact.description.id not in without:
-        selector, found, pushes = _without_pushes(selector, found, prepared, progress)
+        selector, found, pushes = without_pushes(selector, found, prepared, progress)
     plain = UnwhitenedFit(selector.refiner)
     model_fit = _tested(selector, found.causes, plain, prepared)
     floor, pairs = selector.design.whitening, repeat_pairs(prepared, split.fitted)
@@ -227,40 +219,6 @@ def _without_load_reversals(
     return selector, selector.run(progress), ()
 
 
-def _without_pushes(
-    selector: Selector, found: Selection, prepared: Sequence[Prepared], progress: Progress
-) -> tuple[Selector, Selection, tuple[ExternalPush, ...]]:
-    """Repeats the search with pushes masked; returns what was given where there is no push."""
-    pushes = _noticeable_pushes(selector.model_fit(found.causes), prepared)
-    if not pushes:
-        return selector, found, ()
-    progress("masking moments of contact")
-    touched = rows_of_link_residuals(rows_without_pushes(pushes, prepared), selector.design.groups)
-    masked = selector.on(selector.design.without(intersect_masks(selector.design.whitening.clear, touched)))
-    again = masked.run(progress)
-    if not _fits_as_well(masked, again.causes, found.causes):
-        return selector, found, ()  # the first causes explain the same rows better: there was no push
-    return masked, again, _refitted_pushes(selector, masked, again.causes, prepared) or pushes
-
-
-def _noticeable_pushes(
-    model_fit: ModelFit, prepared: Sequence[Prepared], coefficients: Array | None = None
-) -> tuple[ExternalPush, ...]:
-    """Pushes of more than a negligible torque on some joint."""
-    pushes = find_pushes(model_fit, prepared, coefficients)
-    if not pushes:
-        return ()
-    groups = model_fit.design.groups
-    least = negligible(prepared, groups)
-    moved = [(g, joint) for g, (residual, joint) in enumerate(groups) if uses_motion(residual)]
-    torques = [torque_of(push, prepared[push.recording]) for push in pushes]
-    return tuple(
-        push
-        for push, torque in zip(pushes, torques, strict=True)
-        if any(torque[joint] > least[g] for g, joint in moved)
-    )
-
-
 def _tested(
     selector: Selector,
     causes: Sequence[ModelTerm],
@@ -295,28 +253,6 @@ def _significant(model_fit: ModelFit, refiner: ShapeRefiner, index: int, term: M
     neutral = effect.description.parameters[0].neutral
     (found,) = estimates(model_fit, refiner, index, prismatic=False).values()
     return abs(found.value - neutral) > SIGMA * found.std
-
-
-def _refitted_pushes(
-    selector: Selector, masked: Selector, causes: Sequence[ModelTerm], prepared: Sequence[Prepared]
-) -> tuple[ExternalPush, ...]:
-    """The pushes again, by a model that was fitted without them, so that they no longer bias the links' parameters."""
-    known = [selector.refiner.term(term.candidate, term.shaped.shape, term.layout) for term in causes]
-    model = [term for term in known if term is not None]
-    if len(model) < len(known):
-        return ()
-    return _noticeable_pushes(
-        selector.model_fit(model), prepared, masked.model_fit(causes).whole.coefficients
-    )
-
-
-def _fits_as_well(masked: Selector, causes: Sequence[ModelTerm], first: Sequence[ModelTerm]) -> bool:
-    """Whether causes found on masked rows explain these rows about as well as those found on all rows."""
-    moved = [masked.refiner.term(term.candidate, term.shaped.shape, term.layout) for term in first]
-    known = [term for term in moved if term is not None]
-    return float(masked.model_fit(causes).left.sum()) <= SQUARES_RATIO_MAX * float(
-        masked.model_fit(known).left.sum()
-    )
 
 
 def _floor(

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
 
 from impedance_modules.arrays import Array
 
@@ -31,6 +32,9 @@ OUTLYING = 20.0
 TOGETHER = 2
 """Joints that show an outlying moment at once when something pushes a link."""
 
+MARGIN = 0.2
+"""Time before and after a disturbed moment that is left out with it [s]."""
+
 USUAL = 4.0
 """Power over that of the median window up to which a window counts fully."""
 
@@ -39,6 +43,9 @@ LEAST_POWER = 1e-30
 
 OUTLYING_SHARE_MAX = 0.2
 """Part of all windows that may be outlying; what is more frequent belongs to the recording."""
+
+ONE_PUSH_MAX = 0.4
+"""The same where they follow each other: somebody leans on an arm for seconds, and short recordings have few."""
 
 STEPS = 6
 """Times that a fit is repeated with outlying windows counting less."""
@@ -100,7 +107,7 @@ def without_disturbed(
     size = max(2, round(WINDOW * rate))
     ratios = [_moments(own, masks, size) for own, masks in zip(apart, shown, strict=True)]
     pushed = [_touched(np.array(pair)) for pair in zip(*ratios, strict=True)]
-    if not pushed or float(np.mean(np.concatenate(pushed))) > OUTLYING_SHARE_MAX:
+    if not pushed or _frequent(pushed):
         return [list(own) for own in apart]
     return [
         [
@@ -110,6 +117,33 @@ def without_disturbed(
         ]
         for own, found, masks in zip(apart, ratios, shown, strict=True)
     ]
+
+
+def undisturbed_rows(left: Sequence[Sequence[Array]], rate: float) -> list[Mask]:
+    """Recording -> (M,) rows in which nothing touched the arm, by what a model leaves; all where too many would go.
+
+    Args:
+        left: Group -> recording -> (M,) remainder of the rows.
+        rate: Rows a second [1/s].
+    """
+    size = max(2, round(WINDOW * rate))
+    counts = [[np.ones(len(piece), dtype=bool) for piece in own] for own in left]
+    ratios = [_moments(own, masks, size) for own, masks in zip(left, counts, strict=True)]
+    touched = [_touched(np.array(recording)) for recording in zip(*ratios, strict=True)]
+    if _frequent(touched):
+        return counts[0]
+    margin = np.ones(2 * round(MARGIN * rate) + 1, dtype=bool)
+    return [
+        ~binary_dilation(np.repeat(where, size)[: len(rows)], structure=margin)
+        for where, rows in zip(touched, counts[0], strict=True)
+    ]
+
+
+def _frequent(touched: Sequence[Mask]) -> bool:
+    """Whether outlying moments, recording -> (k,), are too frequent to come from outside."""
+    runs = sum(int(where[0]) + int(np.count_nonzero(where[1:] & ~where[:-1])) for where in touched)
+    most = ONE_PUSH_MAX if runs == 1 else OUTLYING_SHARE_MAX
+    return float(np.mean(np.concatenate(touched))) > most
 
 
 def _touched(ratios: Array) -> Mask:

@@ -235,7 +235,7 @@ def _of_repeats(
 def _difference(one: Array, other: Array, shown: Mask) -> Array:
     size = len(shown)
     difference = (one[:size] - other[:size])[shown]
-    return np.asarray((difference - difference.mean()) / np.sqrt(2.0))
+    return np.asarray((difference - np.median(difference)) / np.sqrt(2.0))
 
 
 def _not_below(pieces: Sequence[Array], used: float, made: Sequence[Array]) -> list[Array]:
