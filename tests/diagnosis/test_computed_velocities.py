@@ -3,8 +3,13 @@
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
+from scipy.signal import lfilter
 
-from impedance_modules.diagnosis.data.computed_velocities import computed_from
+from impedance_modules.diagnosis.data.computed_velocities import computed_joints
+from tests.diagnosis.test_diagnosis import JOINTS, answer, torque
+from tests.diagnosis.test_diagnosis import motion as swings
+from tests.support.recordings import columns_of, save
 
 RATES = (50.0, 100.0, 250.0, 1000.0)
 FINE = 1e-3  # s, the clock of the robot's own estimator
@@ -45,7 +50,9 @@ def recording(request):
 def computed(velocity, position, time):
     """Beside the joint stands one that does not move, and tells nothing."""
     still = np.zeros(len(time))
-    return computed_from(np.column_stack([velocity, still]), np.column_stack([position, still]), time)
+    told = computed_joints(np.column_stack([velocity, still]), np.column_stack([position, still]), time)
+    assert told[0] == told[1]  # it goes with the other
+    return told[0]
 
 
 def test_differences_are_known(recording):
@@ -86,12 +93,37 @@ def test_rows_that_waited_in_a_buffer_are_judged_by_their_mean_step(recording):
     assert not computed(np.interp(time, fine, inside), q, stamps)
 
 
-def test_one_joint_that_tells_otherwise_decides(recording):
+def test_each_joint_is_judged_by_itself_and_a_still_one_goes_with_all_others_only(recording):
     time, q, _ = recording
-    velocities = np.column_stack([np.gradient(q, time), motion(time)[1]])
-    assert not computed_from(velocities, np.column_stack([q, q]), time)
+    still = np.zeros(len(time))
+    velocities = np.column_stack([np.gradient(q, time), motion(time)[1], still])
+    told = computed_joints(velocities, np.column_stack([q, q, still]), time)
+    assert told.tolist() == [True, False, False]
 
 
 def test_positions_without_noise_tell_nothing():
     time = np.arange(1000) / 100.0
-    assert not computed_from(np.zeros((1000, 1)), np.zeros((1000, 1)), time)
+    assert not computed_joints(np.zeros((1000, 1)), np.zeros((1000, 1)), time).any()
+
+
+@pytest.mark.parametrize("rate", [50.0, 200.0])
+def test_a_lag_of_one_joint_among_differences_is_of_that_joint_alone(tmp_path, rate):
+    """Its filter runs in steps, half a row from the law; what the common delay makes of that is no lag of others."""
+    paths = []
+    for kind in range(4):
+        random = np.random.default_rng(kind)
+        t, q, v, a = swings(kind, 15.0)
+        fine = np.arange(0.0, t[-1], 1.0 / rate)
+        q, v, a = (CubicSpline(t, values)(fine) for values in (q, v, a))
+        tau = torque(q, v, a, mass=1.0) + random.normal(scale=0.02, size=q.shape)
+        read = q + random.normal(scale=1e-5, size=q.shape)
+        reported = np.gradient(read, fine, axis=0)
+        share = 1.0 - np.exp(-1.0 / (rate * 0.03))
+        reported[:, 1] = lfilter([share], [1.0, share - 1.0], reported[:, 1])
+        columns = columns_of(fine, JOINTS, position=read, velocity=reported, effort=tau)
+        paths.append(save(tmp_path, f"run{kind}", columns))
+    _, said = answer(tmp_path, paths)
+    (cause,) = said["causes"]
+    assert (cause["effect"], cause["joints"]) == ("velocity_filter_lag", ["elbow"])
+    assert cause["parameters"]["elbow"]["T"]["value"] == pytest.approx(0.03, abs=0.6 / rate)
+    assert any("velocities of shoulder are differences" in words for words in said["data"]["warnings"])

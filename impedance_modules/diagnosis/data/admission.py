@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.channel_checks import refuse_faulty_channels, unwrapped
-from impedance_modules.diagnosis.data.computed_velocities import computed_from
+from impedance_modules.diagnosis.data.computed_velocities import computed_joints
 from impedance_modules.diagnosis.data.dataset_consistency import (
     group_repeats,
     refuse_copies,
@@ -156,12 +156,14 @@ def _log(episode: Episode, model: NominalModel, steps: Array, warnings: list[str
             f"{place}: no torque was recorded for all joints, measured or commanded: causes cannot be told"
             " (valid: effort.<joint> or effort_command.<joint> of every joint)"
         )
+    velocity, computed = _usable_velocity(take("velocity"), position, episode, model.joints, warnings)
     log = Log(
         name=episode.name,
         group=episode.name,
         rate=rate,
         position=position,
-        velocity=_usable_velocity(take("velocity"), position, episode, model.joints, warnings),
+        velocity=velocity,
+        computed_velocity=computed,
         effort=effort,
         command=command,
         position_command=take("position_command"),
@@ -237,20 +239,27 @@ def _hold_time(episode: Episode) -> float:
 
 def _usable_velocity(
     velocity: Array | None, position: Array, episode: Episode, joints: Sequence[str], warnings: list[str]
-) -> Array | None:
-    """Returns the reported velocities; None where one is constant although its joint moves, or all were computed."""
+) -> tuple[Array | None, Mask | None]:
+    """Returns the reported velocities, and the joints (n,) of which they say nothing of their own.
+
+    There are none where one is constant although its joint moves, or where all were computed from the positions.
+    """
     if velocity is None:
-        return None
+        return None, None
     name = episode.name
     if np.any((np.ptp(velocity, axis=0) == 0.0) & (np.ptp(position, axis=0) > 0.0)):
         warnings.append(f"{name}: a velocity is constant while its joint moves; velocities are not used")
-        return None
-    if computed_from(episode.matrix("velocity", joints), episode.matrix("position", joints), episode.time):
-        warnings.append(
-            f"{name}: velocities are differences of the recorded positions, and say nothing of their own; not used"
-        )
-        return None
-    return velocity
+        return None, None
+    computed = computed_joints(
+        episode.matrix("velocity", joints), episode.matrix("position", joints), episode.time
+    )
+    if not computed.any():
+        return velocity, None
+    which = "" if computed.all() else f" of {', '.join(np.array(joints)[computed])}"
+    warnings.append(
+        f"{name}: velocities{which} are differences of the recorded positions, and say nothing of their own; not used"
+    )
+    return (None, None) if computed.all() else (velocity, computed)
 
 
 def in_contact(episode: Episode, time: Array, *, holding: bool = True) -> Mask | None:

@@ -16,6 +16,7 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from impedance_modules.arrays import Array
 
@@ -44,14 +45,16 @@ FITS = 3
 """Rounds of the fit, each on the rows that fitted best before."""
 
 
-def computed_from(velocity: Array, position: Array, time: Array) -> bool:
-    """Says whether velocities (N, n) are differences of positions (N, n) at stamps (N,) [s].
+def computed_joints(velocity: Array, position: Array, time: Array) -> NDArray[np.bool_]:
+    """Marks the joints (n,) whose velocities (N, n) are differences of positions (N, n) at stamps (N,) [s].
 
-    Joints that stand still, and positions without noise, tell nothing; one joint that tells otherwise decides.
+    Joints that stand still, and positions without noise, tell nothing: they are taken to be as all others are, where
+    these agree, and not to be computed where they differ.
     """
     told = [_is_difference(*columns, time) for columns in zip(velocity.T, position.T, strict=True)]
     known = [one for one in told if one is not None]
-    return bool(known) and all(known)
+    everywhere = bool(known) and all(known)
+    return np.array([everywhere if one is None else one for one in told])
 
 
 def _is_difference(velocity: Array, position: Array, time: Array) -> bool | None:

@@ -36,6 +36,7 @@ class Log:
         rate: Samples per second [Hz].
         position: (N, n) [rad].
         velocity: (N, n) as reported [rad/s].
+        computed_velocity: (n,) joints whose velocities are differences of the positions; None where none are.
         effort: (N, n) measured [N.m].
         command: (N, n) commanded torque [N.m].
         position_command: (N, n) [rad].
@@ -67,6 +68,7 @@ class Log:
     effort_source: str | None
     gravity_compensation: str
     start: float = 0.0
+    computed_velocity: Mask | None = None
     in_contact: Mask | None = None
     rounding: Array | None = None
     effort_steps: Array | None = None

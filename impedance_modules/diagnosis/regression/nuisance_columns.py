@@ -17,6 +17,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from impedance_modules.arrays import Array, Indices
 from impedance_modules.diagnosis.regression.candidates import Group
@@ -196,19 +197,27 @@ def _of_own_joint(column: Array, item: Prepared, group: Group) -> Array:
 
 
 def _groups(prepared: Sequence[Prepared]) -> tuple[Group, ...]:
-    """All residuals of all joints, but no velocity of a stationary joint.
+    """All residuals of all joints, but no velocity of a stationary joint, and none that was computed.
 
-    It is noise there, and the velocities' own filters colour it.
+    The one is noise, which the velocities' own filters colour; the other has the positions' noise and the frequency
+    response of a difference, which beside the filters of other joints would look like one.
     """
     first = prepared[0]
     common = [name for name in first.residuals if all(name in item.residuals for item in prepared)]
     resting = np.all([stationary_joints(item.signals.position) for item in prepared], axis=0)
+    silent = resting | np.any([_computed(item) for item in prepared], axis=0)
     return tuple(
         (name, joint)
         for name in common
         for joint in range(first.signals.n)
-        if name != "velocity" or not resting[joint]
+        if name != "velocity" or not silent[joint]
     )
+
+
+def _computed(item: Prepared) -> NDArray[np.bool_]:
+    """Joints (n,) whose reported velocities are differences of the positions."""
+    marks = item.log.computed_velocity
+    return np.zeros(item.signals.n, dtype=bool) if marks is None else marks
 
 
 def _tensor(body: Array) -> Array:

@@ -295,26 +295,17 @@ def _thinned(log: Log, common: CommonBand) -> Log:
     def take(values: Array | None) -> Array | None:
         return None if values is None else common.thin(values)
 
-    thinned = Log(
-        name=log.name,
-        group=log.group,
+    thinned = replace(
+        log,
         rate=log.rate / common.thinning,
         position=common.thin(log.position),
         velocity=take(log.velocity),
         effort=take(log.effort),
         command=take(log.command),
         position_command=take(log.position_command),
-        effort_source=log.effort_source,
-        gravity_compensation=log.gravity_compensation,
-        start=log.start,
         in_contact=None if log.in_contact is None else common.thin_mask(log.in_contact),
         carrying=None if log.carrying is None else common.thin_mask(log.carrying),
         rounding=take(log.rounding),
-        effort_steps=log.effort_steps,
-        effort_dither=log.effort_dither,
-        surroundings=log.surroundings,
-        task_object=log.task_object,
-        gaps=log.gaps,
         path_before=take(log.path_before),
     )
     return _in_one_piece(thinned)
