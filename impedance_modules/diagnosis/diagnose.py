@@ -35,7 +35,10 @@ from impedance_modules.diagnosis.model_selection.conclusion import (
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.model_selection.naming import rejected_by_motion
 from impedance_modules.diagnosis.model_selection.object_search import with_held_object
-from impedance_modules.diagnosis.model_selection.probability import with_probabilities
+from impedance_modules.diagnosis.model_selection.probability import (
+    unlikely_beside_others,
+    with_probabilities,
+)
 from impedance_modules.diagnosis.model_selection.repeated_search import RepeatedSearch
 from impedance_modules.diagnosis.model_selection.surface_search import with_surfaces
 from impedance_modules.diagnosis.model_selection.swallowed import swallowed_by_priors
@@ -134,7 +137,8 @@ def diagnose(
         found = _concluded(search.evidence, model, report, (*said, *search.notes), progress)
         progress("simulating the held-out recordings")
         found = with_rollouts(found, search.evidence, model, urdf, known_effects, each)
-        rejected = rejected_by_motion(found.causes)
+        repeats = not search.evidence.floor.weak
+        rejected = rejected_by_motion(found.causes) or unlikely_beside_others(found, repeats=repeats)
         if not rejected:
             break
         search.leave_out(rejected, found.causes)

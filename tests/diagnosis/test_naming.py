@@ -103,7 +103,9 @@ def test_beside_pushes_that_make_all_of_the_gap_nothing_is_named() -> None:
 
 def cause(effect: str, verdict: str | None, port: str = "link") -> SimpleNamespace:
     rollout = None if verdict is None else SimpleNamespace(verdict=verdict, ratio=0.5)
-    return SimpleNamespace(effect=effect, port=port, joints=("elbow",), rollout=rollout)
+    return SimpleNamespace(
+        effect=effect, port=port, joints=("elbow",), rollout=rollout, weight=0.02, probability=None
+    )
 
 
 def certain_unless(**partners: str):
@@ -131,6 +133,14 @@ def test_what_worsens_the_simulated_motion_is_refused(monkeypatch: pytest.Monkey
     other_port = rejected_by_motion([cause("friction", "worsens", port="actuator")])
     assert named(without_causes(before, other_port)[0]) == ["spring", "friction", "payload"]
     assert rejected_by_motion([cause("spring", "no difference")]) == ()
+
+
+def test_what_is_hardly_true_is_refused_in_its_own_words() -> None:
+    doubtful = cause("gain", "no difference")
+    doubtful.probability = 0.031
+    assert rejection(doubtful) == (
+        "not named: gain on elbow (link port), which explains 2 % of the gap and is 3 % likely"
+    )
 
 
 def test_what_is_certain_only_beside_a_refused_cause_goes_with_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,8 +10,10 @@ from impedance_modules.diagnosis.diagnose import insufficient
 from impedance_modules.diagnosis.model_selection.probability import (
     FEATURES,
     LAW,
+    UNLIKELY,
     ProbabilityLaw,
     deviations,
+    unlikely_beside_others,
     with_probabilities,
 )
 from impedance_modules.diagnosis.report.diagnosis_files import diagnosis_object
@@ -111,6 +113,25 @@ def test_the_shipped_law_keeps_the_signs_and_shares_with_equivalents() -> None:
 def a_cause(effect: str = "viscous_friction", *equivalent: Rival, **numbers: Estimate) -> Cause:
     span = {"elbow": (-1.0, 1.0)}
     return Cause(effect, ("elbow",), "link", {"elbow": numbers}, 0.6, 0.9, equivalent, (), span, span)
+
+
+@pytest.mark.parametrize(
+    ("weight", "gain", "named"),
+    [(0.001, 4.0, False), (0.001, 5000.0, True), (0.2, 4.0, True)],
+)
+def test_beside_others_a_cause_of_little_weight_must_be_likely(
+    weight: float, gain: float, named: bool
+) -> None:
+    """One that carries a part of the gap is named however doubtful it is: the page says so."""
+    large = replace(a_cause("base_tilt", rx=number(0.3, 0.001)), standing=Standing(9000.0, 0.0), weight=0.7)
+    other = replace(a_cause(fv=number(1.0, 0.3)), standing=Standing(gain, 0.0), weight=weight)
+    remainder = Remainder(1.5, True, "", 2.0)
+    found = replace(insufficient("arm", ["run"], ""), causes=(large, other), remainder=remainder)
+    refused = unlikely_beside_others(found, repeats=True)
+    assert [cause.effect for cause in refused] == ([] if named else [other.effect])
+    assert all((cause.probability or 0.0) < UNLIKELY for cause in refused)
+    alone = replace(found, causes=(other,))
+    assert unlikely_beside_others(alone, repeats=True) == ()
 
 
 def number(value: float, std: float) -> Estimate:

@@ -174,6 +174,13 @@ def test_beside_a_large_cause_one_is_minor_if_it_explains_little_of_the_torque(
     seen.excess_torque = lambda fit: 100.0 - sum(sizes[term.key[0]] for term in (fit.model if fit else ()))
     found = set_small_aside(diagnosis(large, other), seen, 0.01)
     assert (found.small == (other,), len(found.causes)) == (minor, 1 if minor else 2)
+    # What is set aside is explained, too: it does not count as left beside a remainder within the tolerance.
+    gap = diagnosis(
+        replace(large, weight=0.9), replace(other, weight=0.08), verdict="partly", explained=False
+    )
+    for left, verdict in ((0.02, "explained"), (0.06, "partly")):
+        found = set_small_aside(replace(gap, unexplained_weight=left), seen, 0.01)
+        assert found.verdict == verdict
 
 
 @pytest.mark.parametrize(("force", "small"), [(0.15, True), (0.17, False)])

@@ -138,10 +138,14 @@ def rejected_by_motion(causes: Sequence[Cause]) -> tuple[Cause, ...]:
 
 
 def rejection(cause: Cause) -> str:
-    """Says why a cause that the simulated motion rejects is not named."""
-    where = f"{', '.join(cause.joints) or 'all joints'} ({cause.port} port)"
+    """Says why a cause is not named: the simulated motion rejects it, or it is hardly true."""
+    where = (
+        f"not named: {cause.effect} on {', '.join(cause.joints) or 'all joints'} ({cause.port} port), which"
+    )
+    if cause.probability is not None:
+        return f"{where} explains {100 * cause.weight:.2g} % of the gap and is {100 * cause.probability:.0f} % likely"
     worse = "" if cause.rollout is None else f", error power by {1.0 / cause.rollout.ratio:.3g}"
-    return f"not named: {cause.effect} on {where}, which explains torque but makes the simulated motion worse{worse}"
+    return f"{where} explains torque but makes the simulated motion worse{worse}"
 
 
 def terms_of(evidence: Evidence, causes: Sequence[Cause]) -> list[ModelTerm]:

@@ -33,6 +33,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from impedance_modules.arrays import Array
+from impedance_modules.diagnosis.model_selection.naming import SHARE_THAT_MATTERS
 from impedance_modules.diagnosis.result import Cause, Diagnosis, Estimate, Grounds
 from impedance_modules.effects.catalogue import CATALOGUE
 
@@ -51,6 +52,9 @@ FEATURES: Mapping[str, int] = {
 
 LIMITS = {"weight": (1e-5, 1.0), "deviations": (1.0, 1e3), "lack_of_fit": (1.0, 1e3)}
 """Ranges outside which a number says no more: logarithms are taken within them."""
+
+UNLIKELY = 0.1
+"""Probability below which a cause of little weight is not named beside others."""
 
 
 @dataclass(frozen=True)
@@ -128,6 +132,19 @@ def with_probabilities(found: Diagnosis, *, repeats: bool, law: ProbabilityLaw =
         for part in (found.causes, found.small)
     )
     return replace(found, causes=causes, small=small)
+
+
+def unlikely_beside_others(found: Diagnosis, *, repeats: bool) -> tuple[Cause, ...]:
+    """Causes of little weight beside the others that are hardly true, with their probabilities.
+
+    A fit always finds something more to explain: most of what explains next to nothing is an error of the model.
+    """
+    explained = sum(cause.weight for cause in found.causes)
+    return tuple(
+        cause
+        for cause in with_probabilities(found, repeats=repeats).causes
+        if cause.weight < SHARE_THAT_MATTERS * explained and (cause.probability or 0.0) < UNLIKELY
+    )
 
 
 def grounds_of(cause: Cause, found: Diagnosis, others: int, *, repeats: bool) -> Grounds:

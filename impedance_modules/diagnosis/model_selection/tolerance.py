@@ -46,7 +46,8 @@ def set_small_aside(found: Diagnosis, evidence: Evidence, tolerance: float) -> D
     """Lists as small what does not matter: all of a gap, or minor causes and a remainder beside the others.
 
     Beside a cause that matters, another is minor only if it also explains little of the gap's torque, and a remainder
-    is small only if little of the gap is left: a gap that is half explained is not explained, however small it is.
+    is small only if little of the gap is left, by all causes: a gap that is half explained is not explained, however
+    small it is.
 
     Args:
         found: With its rollouts.
@@ -67,9 +68,9 @@ def set_small_aside(found: Diagnosis, evidence: Evidence, tolerance: float) -> D
     parts = parts_of_torque(evidence)
     minor = tuple(c for c in small if parts.get((c.effect, c.port), 0.0) < SHARE_THAT_MATTERS)
     kept = tuple(cause for cause in found.causes if cause not in minor)
-    unexplained = found.unexplained_weight + sum(cause.weight for cause in minor)
-    found = replace(found, causes=kept, small=minor, unexplained_weight=unexplained)
-    half = unexplained >= SHARE_THAT_MATTERS and not found.remainder.of_velocities
+    aside = sum(cause.weight for cause in minor)
+    half = found.unexplained_weight >= SHARE_THAT_MATTERS and not found.remainder.of_velocities
+    found = replace(found, causes=kept, small=minor, unexplained_weight=found.unexplained_weight + aside)
     if found.remainder.explained or not passes or half:
         return found
     remainder = _within(found)
