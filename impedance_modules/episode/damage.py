@@ -19,7 +19,7 @@ from impedance_modules.episode.columns import TIME
 from impedance_modules.episode.file_format import write_merged
 from impedance_modules.episode.metadata import decode_metadata, encode_metadata
 from impedance_modules.episode.run_folder import EPISODE, part_index, part_paths
-from impedance_modules.episode.sealed_parquet import UNREADABLE, CheckedFile, Span, find_blocks
+from impedance_modules.episode.sealed_parquet import MAGIC, UNREADABLE, CheckedFile, Span, find_blocks
 from impedance_modules.errors import BadInput
 from impedance_modules.input_files import check_file
 
@@ -138,6 +138,12 @@ def refusal(path: Path, found: Survey) -> BadInput:
     told = "; ".join(found.problems[:MOST_PROBLEMS])
     more = len(found.problems) - MOST_PROBLEMS
     told += f"; and {more} more" if more > 0 else ""
+    if not found.stretches and path.is_file() and not _begins_as_parquet(path):
+        return BadInput(
+            f"{path}: is no episode, it does not begin as a Parquet file does (valid: an episode as Parquet; tables"
+            " and ROS recordings, with --map where they do not say what their columns mean, as 'impedance import'"
+            " reads them)"
+        )
     if not found.stretches:
         return BadInput(
             f"{path}: is damaged, nothing of it can be saved: {told} (valid: an episode as Parquet)"
@@ -181,6 +187,11 @@ def save_intact(found: Survey, folder: Path, name: str) -> tuple[tuple[Path, str
 def first_line(error: Exception) -> str:
     """Returns what an error of a library says, without its report of where in the library."""
     return str(error).strip().split("\n", maxsplit=1)[0].rstrip(".")
+
+
+def _begins_as_parquet(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.read(len(MAGIC)) == MAGIC
 
 
 def _search_parts(directory: Path, search: _Search) -> None:

@@ -226,7 +226,7 @@ def test_bad_files_are_refused_with_the_reason(tmp_path):
     bad = {
         "missing.parquet": (None, "no such file"),
         "empty.parquet": (b"", "the file is empty"),
-        "text.parquet": (b"time,position\n0,1\n", "not a whole Parquet file"),
+        "text.parquet": (b"time,position\n0,1\n", "does not begin as a Parquet file does"),
         "truncated.parquet": (content[: len(content) // 2], "not a whole Parquet file"),
         "damaged.parquet": (content[:4] + bytes(4000) + content[4004:], "is damaged|not a whole"),
     }
