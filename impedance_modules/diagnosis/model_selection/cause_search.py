@@ -201,7 +201,7 @@ def _without_load_reversals(
     """Searches without the rows in which a link may cross its play unseen, and says so; else with all rows.
 
     These rows are known before anything is searched: they raise the noise floor, and then all sorts of causes pass
-    as explained. It holds if play is found at one of the joints that lost rows.
+    as explained. It holds if play is found at the joint whose load reverses.
     """
     loaded, joint = rows_on_one_flank(selector.model_fit([]), prepared)
     if joint is not None:

@@ -6,8 +6,8 @@ the link's acceleration \ddot\delta stays unknown, and by
 
     ID(\theta - \delta) - ID(\theta) = -(M \ddot\delta + (dID/dv) \dot\delta + (dID/dq) \delta)
 
-every joint of the arm feels it: a hundred times what the same play costs at rest by the last term. No law of the
-motion has this, and any other candidate would be named for it. So rows within a filter's length of
+every joint of the arm feels it, many times as much as what the same play costs at rest by the last term. No law of
+the motion has this, and any other candidate would be named for it. So rows within a filter's length of
 
     |\tau_j| < 0.1 rms(\tau_j)      or a change of sign of \tau_j
 

@@ -22,7 +22,7 @@ from impedance_modules.diagnosis.model_selection.external_pushes import (
 from impedance_modules.diagnosis.model_selection.forward_selection import Selection, Selector
 from impedance_modules.diagnosis.regression.disturbed_moments import undisturbed_rows
 from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm
-from impedance_modules.diagnosis.residuals.contact_mask import intersect_masks, rows_of_link_residuals
+from impedance_modules.diagnosis.residuals.contact_mask import Mask, intersect_masks, rows_of_link_residuals
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.effects.residual_kinds import uses_motion
 
@@ -58,9 +58,9 @@ def _calm_coefficients(
     moved = [g for g, (residual, _) in enumerate(groups) if uses_motion(residual)]
     if not moved:
         return None
-    left = _left(selector.model_fit(causes), prepared)
+    left, shown = _left(selector.model_fit(causes), prepared, moved)
     band = prepared[0].band
-    clear = undisturbed_rows([[own[g] for own in left] for g in moved], band.rate / band.step)
+    clear = undisturbed_rows(left, shown, band.rate / band.step)
     if all(rows.all() for rows in clear):
         return None
     rows = rows_of_link_residuals(dict(enumerate(clear)), groups)
@@ -69,13 +69,22 @@ def _calm_coefficients(
     return None if terms is None else calm.model_fit(terms).whole.coefficients
 
 
-def _left(model_fit: ModelFit, prepared: Sequence[Prepared]) -> list[list[Array]]:
-    """Recording -> group -> (M,) what a model leaves; zero in the first rows, which whitening takes."""
-    left = [model_fit.residuals(model_fit.whole.coefficients, r) for r in range(len(prepared))]
-    return [
-        [np.pad(rows, (item.samples - len(rows), 0)) for rows in own]
-        for own, item in zip(left, prepared, strict=True)
-    ]
+def _left(
+    model_fit: ModelFit, prepared: Sequence[Prepared], groups: Sequence[int]
+) -> tuple[list[list[Array]], list[list[Mask]]]:
+    """What a model leaves of the rows that count, group -> recording -> (m,), and which of all (M,) these are."""
+    known = model_fit.design.whitening.clear
+    left: list[list[Array]] = [[] for _ in groups]
+    shown: list[list[Mask]] = [[] for _ in groups]
+    for r, item in enumerate(prepared):
+        own = model_fit.residuals(model_fit.whole.coefficients, r)
+        for place, g in enumerate(groups):
+            rows = known.get((r, g), np.ones(item.samples, dtype=bool)).copy()
+            past = item.samples - len(own[g])  # whitened rows lack the first ones, which have no past
+            rows[:past] = False
+            left[place].append(own[g][rows[past:]])
+            shown[place].append(rows)
+    return left, shown
 
 
 def _moved(causes: Sequence[ModelTerm], selector: Selector) -> list[ModelTerm] | None:

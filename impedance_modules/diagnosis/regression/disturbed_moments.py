@@ -119,23 +119,25 @@ def without_disturbed(
     ]
 
 
-def undisturbed_rows(left: Sequence[Sequence[Array]], rate: float) -> list[Mask]:
+def undisturbed_rows(
+    left: Sequence[Sequence[Array]], shown: Sequence[Sequence[Mask]], rate: float
+) -> list[Mask]:
     """Recording -> (M,) rows in which nothing touched the arm, by what a model leaves; all where too many would go.
 
     Args:
-        left: Group -> recording -> (M,) remainder of the rows.
+        left: Group -> recording -> remainder of the rows that count.
+        shown: Group -> recording -> (M,) which those are.
         rate: Rows a second [1/s].
     """
     size = max(2, round(WINDOW * rate))
-    counts = [[np.ones(len(piece), dtype=bool) for piece in own] for own in left]
-    ratios = [_moments(own, masks, size) for own, masks in zip(left, counts, strict=True)]
+    ratios = [_moments(own, masks, size) for own, masks in zip(left, shown, strict=True)]
     touched = [_touched(np.array(recording)) for recording in zip(*ratios, strict=True)]
     if _frequent(touched):
-        return counts[0]
+        return [np.ones_like(rows) for rows in shown[0]]
     margin = np.ones(2 * round(MARGIN * rate) + 1, dtype=bool)
     return [
         ~binary_dilation(np.repeat(where, size)[: len(rows)], structure=margin)
-        for where, rows in zip(touched, counts[0], strict=True)
+        for where, rows in zip(touched, shown[0], strict=True)
     ]
 
 
