@@ -190,8 +190,9 @@ def first_line(error: Exception) -> str:
 
 
 def _begins_as_parquet(path: Path) -> bool:
+    """Whether a file begins so, or has been cut off before that can be told."""
     with path.open("rb") as file:
-        return file.read(len(MAGIC)) == MAGIC
+        return MAGIC.startswith(file.read(len(MAGIC)))
 
 
 def _search_parts(directory: Path, search: _Search) -> None:
