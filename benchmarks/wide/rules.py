@@ -125,7 +125,7 @@ SEARCH = (
     Rule(
         "pushes",
         "pushes are masked, and the search repeated",
-        "model_selection.cause_search:_without_pushes",
+        "model_selection.cause_search:without_pushes",
         lambda selector, found, *_: (selector, found, ()),
     ),
     Rule(

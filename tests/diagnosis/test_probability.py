@@ -130,6 +130,8 @@ def test_beside_others_a_cause_of_little_weight_must_be_likely(
     refused = unlikely_beside_others(found, repeats=True)
     assert [cause.effect for cause in refused] == ([] if named else [other.effect])
     assert all((cause.probability or 0.0) < UNLIKELY for cause in refused)
+    left = replace(found, remainder=replace(remainder, explained=False))
+    assert unlikely_beside_others(left, repeats=True) == ()  # all are doubtful there
     alone = replace(found, causes=(other,))
     assert unlikely_beside_others(alone, repeats=True) == ()
 

@@ -54,7 +54,9 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[set, set]]:
 
 def cause(effect: str, weight: float = 1.0) -> SimpleNamespace:
     port = "contact" if effect == "external_contact" else "sensor"
-    return SimpleNamespace(effect=effect, port=port, joints=("lift",), weight=weight, rollout=None)
+    return SimpleNamespace(
+        effect=effect, port=port, joints=("lift",), weight=weight, rollout=None, probability=None
+    )
 
 
 def search() -> RepeatedSearch:

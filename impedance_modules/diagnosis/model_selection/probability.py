@@ -137,8 +137,11 @@ def with_probabilities(found: Diagnosis, *, repeats: bool, law: ProbabilityLaw =
 def unlikely_beside_others(found: Diagnosis, *, repeats: bool) -> tuple[Cause, ...]:
     """Causes of little weight beside the others that are hardly true, with their probabilities.
 
-    A fit always finds something more to explain: most of what explains next to nothing is an error of the model.
+    A fit always finds something more to explain: most of what explains next to nothing is an error of the model. Where
+    something remains that nothing explains, every cause is doubtful, and none is left out for it.
     """
+    if not found.remainder.explained:
+        return ()
     explained = sum(cause.weight for cause in found.causes)
     return tuple(
         cause
