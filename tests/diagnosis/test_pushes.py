@@ -128,7 +128,6 @@ def test_a_long_push_moves_neither_the_links_nor_the_noise_of_other_moments(
     paths.append(leant_on(tmp_path, 0 if repeated else 1, "other", repeat_of="pushed" if repeated else None))
     paths += [leant_on(tmp_path, kind, f"more{kind}") for kind in (2, 3)]
     _, found = diagnosed(tmp_path, *paths, "--urdf", URDF)
-    print(found["verdict"], found["remainder"], [(c["effect"], c["probability"]) for c in found["causes"]])
     assert [cause["effect"] for cause in found["causes"]] == ["external_contact"]
     assert found["verdict"] == "explained"
     (numbers,) = found["causes"][0]["parameters"].values()

@@ -90,8 +90,9 @@ def calm_coefficients(design: Design, seconds_a_row: float = 0.05):
         for found in design.y
     ]
     whole = SimpleNamespace(groups=design.groups, whitening=design.whitening, without=without)
-    selector = SimpleNamespace(design=whole, model_fit=lambda causes: fitted(design), on=on)
-    return search_beside_pushes._calm_coefficients(selector, [], items)
+    return search_beside_pushes._calm_coefficients(
+        SimpleNamespace(design=whole, on=on), fitted(design), items
+    )
 
 
 @pytest.mark.parametrize("push", [60.0, 300.0])

@@ -34,8 +34,8 @@ def without_pushes(
     selector: Selector, found: Selection, prepared: Sequence[Prepared], progress: Callable[[str], None]
 ) -> tuple[Selector, Selection, tuple[ExternalPush, ...]]:
     """Repeats the search with pushes masked; returns what was given where there is no push."""
-    calm = _calm_coefficients(selector, found.causes, prepared)
-    pushes = _noticeable_pushes(selector.model_fit(found.causes), prepared, calm)
+    model_fit = selector.model_fit(found.causes)
+    pushes = _noticeable_pushes(model_fit, prepared, _calm_coefficients(selector, model_fit, prepared))
     if not pushes:
         return selector, found, ()
     progress("masking moments of contact")
@@ -47,9 +47,7 @@ def without_pushes(
     return masked, again, _refitted_pushes(selector, masked, again.causes, prepared) or pushes
 
 
-def _calm_coefficients(
-    selector: Selector, causes: Sequence[ModelTerm], prepared: Sequence[Prepared]
-) -> Array | None:
+def _calm_coefficients(selector: Selector, model_fit: ModelFit, prepared: Sequence[Prepared]) -> Array | None:
     """The model's coefficients by the moments of usual power; None where there are no others, or too many.
 
     Where noise is small a push of two seconds pulls the links' inertias along, and all other moments with them.
@@ -58,14 +56,14 @@ def _calm_coefficients(
     moved = [g for g, (residual, _) in enumerate(groups) if uses_motion(residual)]
     if not moved:
         return None
-    left, shown = _left(selector.model_fit(causes), prepared, moved)
+    left, shown = _left(model_fit, prepared, moved)
     band = prepared[0].band
     clear = undisturbed_rows(left, shown, band.rate / band.step)
     if all(rows.all() for rows in clear):
         return None
     rows = rows_of_link_residuals(dict(enumerate(clear)), groups)
     calm = selector.on(selector.design.without(intersect_masks(selector.design.whitening.clear, rows)))
-    terms = _moved(causes, calm)
+    terms = _moved(model_fit.model, calm)
     return None if terms is None else calm.model_fit(terms).whole.coefficients
 
 

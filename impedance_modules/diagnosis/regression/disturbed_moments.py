@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
 from impedance_modules.arrays import Array
+from impedance_modules.diagnosis.residuals.contact_mask import MARGIN
 
 Mask = NDArray[np.bool_]
 
@@ -31,9 +32,6 @@ OUTLYING = 20.0
 
 TOGETHER = 2
 """Joints that show an outlying moment at once when something pushes a link."""
-
-MARGIN = 0.2
-"""Time before and after a disturbed moment that is left out with it [s]."""
 
 USUAL = 4.0
 """Power over that of the median window up to which a window counts fully."""
@@ -105,9 +103,8 @@ def without_disturbed(
         rate: Rows a second [1/s].
     """
     size = max(2, round(WINDOW * rate))
-    ratios = [_moments(own, masks, size) for own, masks in zip(apart, shown, strict=True)]
-    pushed = [_touched(np.array(pair)) for pair in zip(*ratios, strict=True)]
-    if not pushed or _frequent(pushed):
+    ratios, pushed = _outlying(apart, shown, size)
+    if not any(where.any() for where in pushed):
         return [list(own) for own in apart]
     return [
         [
@@ -130,15 +127,23 @@ def undisturbed_rows(
         rate: Rows a second [1/s].
     """
     size = max(2, round(WINDOW * rate))
-    ratios = [_moments(own, masks, size) for own, masks in zip(left, shown, strict=True)]
-    touched = [_touched(np.array(recording)) for recording in zip(*ratios, strict=True)]
-    if _frequent(touched):
-        return [np.ones_like(rows) for rows in shown[0]]
+    _, touched = _outlying(left, shown, size)
     margin = np.ones(2 * round(MARGIN * rate) + 1, dtype=bool)
     return [
         ~binary_dilation(np.repeat(where, size)[: len(rows)], structure=margin)
         for where, rows in zip(touched, shown[0], strict=True)
     ]
+
+
+def _outlying(
+    pieces: Sequence[Sequence[Array]], shown: Sequence[Sequence[Mask]], size: int
+) -> tuple[list[list[Array]], list[Mask]]:
+    """Group -> piece -> power of each moment (k,) over the usual one; piece -> (k,) touched, none if too many are."""
+    ratios = [_moments(own, masks, size) for own, masks in zip(pieces, shown, strict=True)]
+    touched = [_touched(np.array(piece)) for piece in zip(*ratios, strict=True)]
+    if touched and _frequent(touched):
+        touched = [np.zeros_like(where) for where in touched]
+    return ratios, touched
 
 
 def _frequent(touched: Sequence[Mask]) -> bool:
