@@ -20,6 +20,7 @@ SALT = {
     "third": "the same stranger, two years later",
     "fourth": "the same stranger, three years later",
     "fifth": "the same stranger, four years later",
+    "sixth": "the same stranger, five years later",
     "smoke": "only to see that it is read",
 }
 
