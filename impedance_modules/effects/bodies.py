@@ -22,6 +22,9 @@ from impedance_modules.spec.robot_spec import BodyChange, RobotSpec
 
 CENTRE = ("cx", "cy", "cz")
 
+DISTANCES = (0.03, 0.1, 0.3)
+"""Of a mass from its link's origin, at which it is looked for where only its moments are known [m]."""
+
 FAR = 3.0
 """Distance from a link's origin beyond which nothing is fixed to it [m]: a moment without a mass, not a thing."""
 
@@ -153,6 +156,15 @@ class Payload(MassAtPoint):
         centre = body[1:4] / body[0] if body[0] > 0.0 else np.zeros(3)
         starts = [reach * centre for reach in (0.0, 1.0, 2.0)][: 3 if centre.any() else 1]
         return tuple(by_axis(start) for start in starts)
+
+    def shapes_within_bounds(self, coefficients: Array) -> tuple[dict[str, float], ...]:
+        """Places along the first moments: of a mass that is less than none they are known, and it is not.
+
+        A link's weight hardly shows the mass of what is at its end, since any link before it may be as much heavier.
+        """
+        moments = coefficients[1:]
+        size = float(np.linalg.norm(moments))
+        return tuple(by_axis(distance / size * moments) for distance in DISTANCES if size > 0.0)
 
     def relations(self, values: Values) -> list[str]:
         """A thing is fixed where the link is, not where only its lever could be."""

@@ -238,6 +238,10 @@ class Effect(ABC):
         """Gives the shape for the next round of the regression; the same one when it has converged."""
         return {name: values.get(name, old) for name, old in shape.items()}
 
+    def shapes_within_bounds(self, coefficients: Array) -> tuple[dict[str, float], ...]:
+        """Shapes to try beside those of the grid where a fit's coefficients leave their bounds."""
+        return ()
+
     def refined(self, shape: Shape) -> tuple[str, ...]:
         """Symbols of a shape that the regression moves off their grid: the law's, and a presliding displacement."""
         return tuple(symbol for symbol in shape if symbol in self.shape or symbol == PRESLIDING)

@@ -114,3 +114,52 @@ def test_a_ripple_comes_back_with_its_order(tmp_path: Path, order: float) -> Non
     assert (cause["effect"], cause["joints"]) == ("torque_ripple", ["port_bend"])
     assert cause["parameters"]["port_bend"]["N"]["value"] == pytest.approx(order, abs=0.05)
     assert cause["parameters"]["port_bend"]["A"]["value"] == pytest.approx(0.4, rel=0.1)
+
+
+PLACES = st.lists(st.floats(-0.3, 0.3), min_size=3, max_size=3).map(np.array)
+
+
+@settings(max_examples=50, deadline=None)
+@given(place=PLACES, mass=st.floats(0.05, 3.0))
+def test_a_mass_that_the_weight_hides_is_looked_for_along_its_moments(place: np.ndarray, mass: float) -> None:
+    """Links before it may be as much heavier: the fit then asks for a mass below zero, and its moments are right."""
+    payload = CATALOGUE["payload"]
+    hidden = np.concatenate([[-0.003], mass * place])
+    found = [np.array(list(shape.values())) for shape in payload.shapes_within_bounds(hidden)]
+    size = np.linalg.norm(place)
+    assert len(found) == (3 if size > 0.0 else 0)
+    for one in found:
+        np.testing.assert_allclose(one / np.linalg.norm(one), place / size, atol=1e-9)
+    assert CATALOGUE["joint_elasticity"].shapes_within_bounds(hidden) == ()
+
+
+@pytest.mark.parametrize("hides", [True, False])
+def test_where_no_shape_of_the_grid_is_physical_those_of_the_fit_are_tried(
+    hides: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Here only a mass far from the link's origin is one; where the fit is physical nothing else is tried."""
+    payload = CATALOGUE["payload"]
+    candidate = Candidate(payload, "link", "hand", ())
+    monkeypatch.setattr(shape_refinement, "shapes_of", lambda *rest: [{"cx": 0.0, "cy": 0.0, "cz": 0.0}])
+
+    def term(candidate: Any, shape: Any, like: Any) -> Any:
+        shaped = SimpleNamespace(shape=shape, lower=np.array([0.0, *3 * [-np.inf]]), upper=np.full(4, np.inf))
+        unseen = SimpleNamespace(unseen=np.zeros(4, dtype=bool))
+        return SimpleNamespace(candidate=candidate, shaped=shaped, layout=unseen)
+
+    class Fitted:
+        def __init__(self, design: Any, folds: Any, model: list[Any]) -> None:
+            self.design, self.folds, self.model = design, folds, model
+            self.far = float(np.linalg.norm(list(model[-1].shaped.shape.values())))
+
+        def of(self, index: int) -> np.ndarray:
+            return np.array([self.far - 0.05 if hides else 1.0, 0.0, 0.0, 0.02])
+
+    monkeypatch.setattr(shape_refinement, "ModelFit", Fitted)
+    monkeypatch.setattr(shape_refinement, "_loss", lambda fitted: fitted.far)
+    refiner = ShapeRefiner.__new__(ShapeRefiner)
+    refiner.signals = ()
+    monkeypatch.setattr(ShapeRefiner, "term", lambda self, *rest: term(*rest))
+    start = Fitted(None, (), [term(candidate, {"cx": 0.0, "cy": 0.0, "cz": 0.0}, None)])
+    found = refiner._within_bounds(start)
+    assert found.far == pytest.approx(0.1 if hides else 0.0)

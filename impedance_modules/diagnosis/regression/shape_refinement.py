@@ -134,8 +134,12 @@ class ShapeRefiner:
         term = model_fit.model[-1]
         if not _out_of_bounds(model_fit):
             return model_fit
+        coefficients = model_fit.of(len(model_fit.model) - 1)
         found = []
-        for shape in shapes_of(term.candidate, self.signals):
+        for shape in (
+            *shapes_of(term.candidate, self.signals),
+            *term.candidate.effect.shapes_within_bounds(coefficients),
+        ):
             moved = self.term(term.candidate, shape, term.layout if term.layout.unseen.any() else None)
             if moved is not None:
                 found.append(ModelFit(model_fit.design, model_fit.folds, [*model_fit.model[:-1], moved]))
