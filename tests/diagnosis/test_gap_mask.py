@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Where several samples in a row were lost, nothing is known: rows about it do not count, and no cause is named."""
+"""Where samples were lost, nothing is known: rows about it do not count, and no cause is named."""
 
 import json
 from pathlib import Path
@@ -11,14 +11,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from impedance_modules.diagnosis.data.stamps import gaps_of, stamp_jitter
-from impedance_modules.diagnosis.residuals.band import filter_length
+from impedance_modules.diagnosis.data.stamps import SEVERAL_LOST, gaps_of, stamp_jitter
+from impedance_modules.diagnosis.residuals.band import Band
 from impedance_modules.diagnosis.residuals.gap_mask import FILLED_MAX, long_gaps, rows_without_gaps
 from impedance_modules.diagnosis.rollout.simulated_windows import HISTORY, WINDOW, place_windows
 from tests.support.commands import invoke
 from tests.support.plant_recordings import record, robot_folder
 
 RATE, CUTOFF = 200.0, 10.0
+REACH = (Band(RATE, CUTOFF, 5).margin + 7.5) / RATE
+"""Half the filter's length, and a row [s]."""
 
 
 def recording(gaps: np.ndarray, seconds: float = 10.0, start: float = 0.0) -> Any:
@@ -26,16 +28,17 @@ def recording(gaps: np.ndarray, seconds: float = 10.0, start: float = 0.0) -> An
     log = SimpleNamespace(
         name="run", gaps=gaps, start=start, rate=RATE, duration=seconds, in_contact=None, group="run"
     )
-    band = SimpleNamespace(cutoff=CUTOFF, rate=RATE, step=5)
+    band = Band(RATE, CUTOFF, 5)
     return SimpleNamespace(time=time, samples=len(time), log=log, band=band)
 
 
 @settings(max_examples=50, deadline=None)
 @given(first=st.integers(5, 900), lost=st.integers(1, 15), rate=st.sampled_from([50.0, 200.0, 1000.0]))
-def test_a_gap_is_where_more_than_one_sample_was_lost(first: int, lost: int, rate: float) -> None:
+def test_a_gap_is_where_samples_were_lost(first: int, lost: int, rate: float) -> None:
     time = np.delete(np.arange(1000) / rate, slice(first, first + lost))
     found = gaps_of(time)
-    expected = [] if lost == 1 else [[(first - 1) / rate, (first + lost) / rate]]
+    expected = [[(first - 1) / rate, (first + lost) / rate]]
+    assert len(gaps_of(time, SEVERAL_LOST)) == (lost > 1)
     np.testing.assert_allclose(found, np.reshape(expected, (-1, 2)), atol=1e-12)
     assert stamp_jitter(time) == pytest.approx(0.0, abs=1e-9)
 
@@ -52,8 +55,8 @@ def test_rows_that_the_filter_brings_into_a_long_gap_do_not_count(
     (mask,) = clear.values()
     assert list(clear) == [0]
     away = np.maximum(gap[0, 0] - item.time, item.time - gap[0, 1])
-    decided = np.abs(away - filter_length(CUTOFF)) > 1e-9
-    np.testing.assert_array_equal(mask[decided], (away > filter_length(CUTOFF))[decided])
+    decided = np.abs(away - REACH) > 1e-9
+    np.testing.assert_array_equal(mask[decided], (away > REACH)[decided])
 
 
 @pytest.mark.parametrize(("seconds", "masked"), [(10.0, False), (40.0, True)])
@@ -62,6 +65,21 @@ def test_short_gaps_cost_rows_where_they_are_rare(seconds: float, masked: bool) 
     clear = rows_without_gaps([recording(np.array([[4.0, 4.015], [7.0, 7.015]]), seconds)])
     assert bool(clear) == masked
     assert all(not mask[int(4.0 * RATE / 5.0)] and mask[10] for mask in clear.values())
+
+
+def test_single_samples_count_after_stretches_where_both_cost_too_many_rows() -> None:
+    """At 50 Hz one lost sample is long beside a period of 10 Hz; the stretches are left out in any case."""
+    stretches = [(3.0, 3.1), (9.0, 9.1)]
+    few, many = ([(t, t + 0.04) for t in np.arange(4.0, end, 0.7)] for end in (5.5, 18.0))
+
+    def masked(singles: list[tuple[float, float]]) -> list[bool]:
+        item = recording(np.array(sorted([*stretches, *singles])), 20.0)
+        item.log.rate = 50.0
+        mask = rows_without_gaps([item])[0]
+        return [not mask[np.argmin(np.abs(item.time - time))] for time in (3.05, 9.05, singles[0][0] + 0.02)]
+
+    assert masked(few) == [True, True, True]
+    assert masked(many) == [True, True, False]
 
 
 def test_where_gaps_are_everywhere_the_recordings_are_taken_as_they_are() -> None:
@@ -93,5 +111,5 @@ def test_a_controller_that_stalls_is_no_gap(tmp_path: Path, stalls: tuple[float,
     assert run.return_value in (None, 0), run.output
     found = json.loads(answer.read_text())
     assert found["verdict"] == "no_gap"
-    said = [words for words in found["data"]["warnings"] if "samples in a row were lost" in words]
+    said = [words for words in found["data"]["warnings"] if "samples were lost" in words]
     assert len(said) == bool(stalls)

@@ -51,7 +51,7 @@ class Log:
         surroundings: What the task says that the hands could touch; None where it says nothing.
         task_object: Object of the task, and who holds it; None where it has none.
         carrying: (N,) samples in which hands hold it for certain, and nothing is touched; None where there are none.
-        gaps: (G, 2) times of the last sample before and of the first after several lost ones in a row, since the
+        gaps: (G, 2) times of the last sample before and of the first after one or several lost ones, since the
             recording began [s].
         path_before: (K, n) positions of a segment's recording up to its first sample [rad]; None where nothing was
             recorded before.

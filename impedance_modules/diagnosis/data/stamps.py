@@ -198,9 +198,9 @@ def stamp_jitter(time: Array) -> float:
     return float(np.sqrt(np.mean((typical - step) ** 2)) / step)
 
 
-def gaps_of(time: Array) -> Array:
-    """Finds where several samples in a row were lost: (G, 2) times of the samples before and after [s]."""
-    late = np.flatnonzero(np.diff(time) > SEVERAL_LOST * _step(time))
+def gaps_of(time: Array, steps: float = LOST) -> Array:
+    """Finds where samples were lost: (G, 2) times of those before and after, so many steps apart or more [s]."""
+    late = np.flatnonzero(np.diff(time) > steps * _step(time))
     return np.column_stack([time[late], time[late + 1]])
 
 
@@ -251,7 +251,7 @@ def resampled(values: Array, time: Array, even: Array, kind: str) -> Array:
     if kind == "effort_command":
         return np.column_stack([np.interp(even, time, column) for column in values.T])
     out = np.asarray(CubicSpline(time, values, axis=0)(even))
-    for begin, end in gaps_of(time):
+    for begin, end in gaps_of(time, SEVERAL_LOST):
         inside = (even > begin) & (even < end)
         out[inside] = _across(values, time, (begin, end), even[inside])
     return out

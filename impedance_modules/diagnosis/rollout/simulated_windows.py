@@ -22,7 +22,7 @@ from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.log import Log
 from impedance_modules.diagnosis.data.rigid_dynamics import gravity_regressor
 from impedance_modules.diagnosis.data.rigid_tree import RigidTree
-from impedance_modules.diagnosis.residuals.gap_mask import long_gaps
+from impedance_modules.diagnosis.residuals.gap_mask import lost_stretches
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.diagnosis.rollout.simulated_robot import PerturbedPlant
 from impedance_modules.effects.joint_motion import JointHistory
@@ -91,7 +91,9 @@ def place_windows(prepared: Sequence[Prepared], members: Sequence[int], count: i
     last = min(prepared[index].log.duration for index in members) - MARGIN - WINDOW
     if last <= MARGIN:
         return []
-    if any(prepared[index].log.in_contact is not None or long_gaps(prepared[index]) for index in members):
+    if any(
+        prepared[index].log.in_contact is not None or lost_stretches(prepared[index]) for index in members
+    ):
         free = [
             start
             for start in np.arange(MARGIN, last, 0.25 * WINDOW)
@@ -330,7 +332,7 @@ def _unusable(item: Prepared, start: float) -> bool:
     """Whether any sample of a window is in contact, by the recording's phases, or missing."""
     in_contact, rate = item.log.in_contact, item.log.rate
     begin, end = item.log.start + start - HISTORY, item.log.start + start + WINDOW
-    if any(first < end and last > begin for first, last in long_gaps(item)):
+    if any(first < end and last > begin for first, last in lost_stretches(item)):
         return True
     if in_contact is None:
         return False
