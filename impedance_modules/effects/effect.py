@@ -25,13 +25,14 @@ import numpy as np
 from impedance_modules.arrays import Array
 from impedance_modules.compiled import Law
 from impedance_modules.effects.compensation_builder import CompensationBuilder, Diagnosed, IdentifiedNumbers
-from impedance_modules.effects.effect_description import Description, Port
-from impedance_modules.effects.joint_motion import (
-    REGULARISATION_VELOCITY,
-    JointSample,
-    Shape,
-    regularisation_velocity,
+from impedance_modules.effects.dry_reversals import (
+    REFINED,
+    as_it_reverses,
+    nearest_reversal,
+    with_reversal_shapes,
 )
+from impedance_modules.effects.effect_description import Description, Port
+from impedance_modules.effects.joint_motion import JointSample, Shape
 from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.regressor import Bound, Regressor, Site, one_row
 from impedance_modules.effects.residual_kinds import COVERS, STAGE_OF_PORT, Residual, Stage
@@ -40,25 +41,6 @@ from impedance_modules.spec.robot_spec import EncoderSide, RobotSpec
 
 Values = Mapping[str, float]
 """An effect's parameters by symbol, in the units of its description."""
-
-PRESLIDING = "presliding"
-"""Shape: presliding displacement [rad], over which dry friction changes its sign; zero where a speed decides."""
-
-PRESLIDING_DISPLACEMENTS = (0.03, 0.1, 0.2)
-"""Displacements tried, in multiples of the distance that a joint moves in a second at the regularisation velocity."""
-
-PRESLIDING_EXPONENT = "presliding_exponent"
-"""Shape: exponent of Dahl's law there, how slowly surfaces come to slip."""
-
-PRESLIDING_EXPONENTS = (1.0, 2.0)
-"""Those that are tried."""
-
-REGULARISATION = "regularisation"
-"""Shape: multiple of the usual regularisation velocity of dry friction; missing where it is the usual one."""
-
-WIDER_REGULARISATIONS = (3.0, 7.0)
-"""Multiples tried: wet surfaces creep before they slide, and so do the constraints of simulators."""
-
 
 Compensation = Literal["weight", "potential", "friction", "gain"]
 """How a controller takes an effect back."""
@@ -243,13 +225,13 @@ class Effect(ABC):
         return ()
 
     def refined(self, shape: Shape) -> tuple[str, ...]:
-        """Symbols of a shape that the regression moves off their grid: the law's, and a presliding displacement."""
-        return tuple(symbol for symbol in shape if symbol in self.shape or symbol == PRESLIDING)
+        """Symbols of a shape that the regression moves off their grid: the law's, and how its sign changes."""
+        return tuple(symbol for symbol in shape if symbol in (*self.shape, *REFINED))
 
     def nearest(self, symbol: str, value: float) -> float:
         """Gives the value within the physical bounds of a number that is nearest to one asked for."""
-        if symbol == PRESLIDING:
-            return min(value, PRESLIDING_DISPLACEMENTS[-1] * REGULARISATION_VELOCITY)
+        if symbol in REFINED:
+            return nearest_reversal(symbol, value)
         if symbol not in self.description.symbols:
             return value
         parameter = self.description.parameter(symbol)
@@ -311,14 +293,7 @@ class JointLaw(Effect):
 
     def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """Evaluates the law over a recording."""
-        sample = site.sample()
-        presliding = float(shape.get(PRESLIDING, 0.0))
-        if presliding > 0.0:
-            exponent = float(shape[PRESLIDING_EXPONENT])
-            sample = replace(sample, bristles=site.bristles(presliding, exponent))
-        wider = float(shape.get(REGULARISATION, 0.0))
-        if wider > 0.0:
-            sample = replace(sample, regularisation=wider * sample.regularisation)
+        sample = as_it_reverses(site.sample(), site, shape)
         return one_row(site.joint, self.basis(sample, shape), lower=self.lower, upper=self.upper)
 
     def shapes(self, site: Site) -> tuple[dict[str, float], ...]:
@@ -328,21 +303,10 @@ class JointLaw(Effect):
     def with_reversal_shapes(
         self, site: Site, shapes: tuple[dict[str, float], ...]
     ) -> tuple[dict[str, float], ...]:
-        """Adds to the shapes of a dry law presliding displacements and, for a law of one number, wider speeds."""
+        """Adds to the shapes of a dry law how its sign may change at reversals."""
         if not self.dry:
             return shapes
-        second = float(regularisation_velocity(site.signals.model.sliding)[site.joint])
-        wider = WIDER_REGULARISATIONS if len(self.description.symbols) == 1 else ()
-        return (
-            *shapes,
-            *(
-                {**shape, PRESLIDING: part * second, PRESLIDING_EXPONENT: exponent}
-                for exponent in PRESLIDING_EXPONENTS
-                for part in PRESLIDING_DISPLACEMENTS
-                for shape in shapes
-            ),
-            *({REGULARISATION: multiple} for multiple in wider),
-        )
+        return with_reversal_shapes(shapes, site, any_speed=len(self.description.symbols) == 1)
 
     def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
         """Puts the same law on the plant's joints, as a torque against the motion."""

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from impedance_modules.diagnosis.model_selection.forward_selection import Selector
-from impedance_modules.effects.effect import PRESLIDING
-from impedance_modules.effects.joint_motion import follow
+from impedance_modules.effects.dry_reversals import PRESLIDING, REGULARISATION
+from impedance_modules.effects.joint_motion import REGULARISATION_VELOCITY, follow, sign
 from tests.diagnosis.test_diagnosis import JOINTS, answer, motion, torque
 from tests.support.recordings import columns_of, save
 
@@ -38,3 +38,33 @@ def test_the_way_until_dry_friction_slides_is_found(tmp_path, monkeypatch, stret
     assert (cause["effect"], cause["joints"]) == ("coulomb_friction", ["elbow"])
     assert cause["parameters"]["elbow"]["fc"]["value"] == pytest.approx(FRICTION, rel=0.03)
     assert [shape[PRESLIDING] for shape in shapes] == [pytest.approx(stretch, rel=0.2)]
+
+
+@pytest.mark.parametrize(
+    "multiple",
+    [0.2, 0.45, pytest.param(1.0, marks=pytest.mark.long), pytest.param(4.0, marks=pytest.mark.long)],
+)
+def test_the_speed_over_which_dry_friction_turns_is_found(tmp_path, monkeypatch, multiple):
+    """A sign that is sharper than the usual one is no Stribeck friction: it looks higher at low speed, as that does."""
+    shapes = []
+    simplest = Selector.simplest
+
+    def seen(selector, model):
+        shapes[:] = [term.shaped.shape for term in model if term.key[0] == "coulomb_friction"]
+        return simplest(selector, model)
+
+    monkeypatch.setattr(Selector, "simplest", seen)
+    paths = []
+    for index, kind in enumerate((0, 1, 2, 0)):
+        dice = np.random.default_rng(index)
+        t, q, v, a = motion(kind, 15.0)
+        friction = FRICTION * sign(v[:, 1], multiple * REGULARISATION_VELOCITY)
+        tau = torque(q, v, a, mass=1.0) + np.column_stack([0.0 * friction, friction])
+        tau = tau + dice.normal(scale=0.02, size=q.shape)
+        q = q + dice.normal(scale=1e-6, size=q.shape)
+        paths.append(save(tmp_path, f"run{index}", columns_of(t, JOINTS, position=q, velocity=v, effort=tau)))
+    _, said = answer(tmp_path, paths)
+    (cause,) = said["causes"]
+    assert (cause["effect"], cause["joints"]) == ("coulomb_friction", ["elbow"])
+    assert cause["parameters"]["elbow"]["fc"]["value"] == pytest.approx(FRICTION, rel=0.03)
+    assert [shape.get(REGULARISATION, 1.0) for shape in shapes] == [pytest.approx(multiple, rel=0.3)]

@@ -19,7 +19,7 @@ from impedance_modules.diagnosis.model_selection.candidate_trial import (
 from impedance_modules.diagnosis.regression.design_matrix import ColumnLayout
 from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm, term_of
 from impedance_modules.effects.catalogue import CATALOGUE
-from impedance_modules.effects.effect import REGULARISATION
+from impedance_modules.effects.dry_reversals import REGULARISATION
 
 RejectionReason = Callable[[CandidateTrial], str | None]
 
