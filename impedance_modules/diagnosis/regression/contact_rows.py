@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.regression.nuisance_columns import inertia_prior
 from impedance_modules.diagnosis.regression.sensor_noise import made_by_positions, read_noise, white_noise
-from impedance_modules.diagnosis.residuals.contact_mask import near_contact
+from impedance_modules.diagnosis.residuals.contact_mask import MARGIN, near_contact
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.effects.joint_motion import SLIDING_REGULARISATION_VELOCITY
 from impedance_modules.effects.recorded_signals import differentiate
@@ -201,7 +201,7 @@ def _rows(item: Prepared) -> tuple[Mask, Mask]:
     if log.in_contact is None:
         return np.zeros(item.samples, dtype=bool), np.ones(item.samples, dtype=bool)
     outside = replace(item, log=replace(log, in_contact=~log.in_contact))
-    return ~near_contact(outside), ~near_contact(item)
+    return ~near_contact(outside, MARGIN), ~near_contact(item, MARGIN)
 
 
 def _torque_noise(item: Prepared, residual: Residual) -> Array:

@@ -30,7 +30,7 @@ from impedance_modules.diagnosis.data.task_object import TaskObject
 from impedance_modules.diagnosis.regression.contact_rows import ZERO_PRIOR, position_noise
 from impedance_modules.diagnosis.regression.nuisance_columns import build_nuisance
 from impedance_modules.diagnosis.regression.sensor_noise import made_by_positions, white_noise
-from impedance_modules.diagnosis.residuals.contact_mask import near_contact, near_marks
+from impedance_modules.diagnosis.residuals.contact_mask import MARGIN, near_contact, near_marks
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.effects.carried_object import CarriedObject
 from impedance_modules.effects.residual_kinds import Residual
@@ -89,7 +89,7 @@ def object_rows(
     """
     carried = None if held is None else carried_object(item, held)
     taken = np.zeros(item.samples, dtype=bool) if carried is None else carried.rows
-    free = ~near_contact(item)
+    free = ~near_contact(item, MARGIN)
     columns = _condensed(item, hand)
     target = item.residuals[residual] - explained
     if carried is not None:
@@ -135,7 +135,7 @@ def carried_object(item: Prepared, held: TaskObject) -> CarriedObject | None:
     log, model = item.log, item.signals.model
     if log.carrying is None or any(hand not in model.bodies for hand in held.hands):
         return None
-    rows = ~near_marks(item, ~log.carrying)
+    rows = ~near_marks(item, ~log.carrying, MARGIN)
     if held.picked:
         rows &= _lifted(item, held.hands[0], log.carrying)
     if not rows.any():

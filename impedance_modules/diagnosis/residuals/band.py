@@ -135,6 +135,14 @@ class Band:
         """Samples cut off at each end: whole steps, so that the kept samples fall into place."""
         return self.step * max(1, round(HALF_LENGTH / self.cutoff * self.rate / self.step))
 
+    @property
+    def reach(self) -> float:
+        """How far the filter spreads what happens at one time [s]: half its length, and a row.
+
+        The motion was filtered by itself and differentiated before.
+        """
+        return (self.margin + 1.5 * self.step) / self.rate
+
     @cached_property
     def _taps(self) -> Array:
         return np.asarray(firwin(2 * self.margin + 1, self.cutoff, fs=self.rate, window=("kaiser", 4.0)))

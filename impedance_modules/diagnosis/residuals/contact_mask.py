@@ -22,7 +22,7 @@ Mask = NDArray[np.bool_]
 MaskKey = TypeVar("MaskKey", bound=Hashable)
 
 MARGIN = 0.2
-"""Time before and after a contact that is masked with it: about the filter's half length [s]."""
+"""Time about a contact's begin and end in which its surface is not judged [s]."""
 
 CONTACT_MAX = 0.8
 """Part of all samples that may be in contact; beyond it too little free motion is left."""
@@ -114,17 +114,19 @@ def _mostly_in_contact(
     return lost > CONTACT_MAX * sum(prepared[r].samples for r in fitted)
 
 
-def near_contact(item: Prepared) -> Mask:
-    """Rows (M,) within the margin of a contact."""
+def near_contact(item: Prepared, reach: float | None = None) -> Mask:
+    """Rows (M,) within reach of a contact [s]; left out: as far as the filter spreads it."""
     marks = item.log.in_contact
-    return np.zeros(item.samples, dtype=bool) if marks is None else near_marks(item, marks)
+    if marks is None:
+        return np.zeros(item.samples, dtype=bool)
+    return near_marks(item, marks, item.band.reach if reach is None else reach)
 
 
-def near_marks(item: Prepared, marks: Mask) -> Mask:
-    """Rows (M,) within the margin of marked samples (N,)."""
+def near_marks(item: Prepared, marks: Mask, reach: float) -> Mask:
+    """Rows (M,) within reach of marked samples (N,) [s]."""
     log = item.log
     if not marks.any():
         return np.zeros(item.samples, dtype=bool)
     at = log.start + np.flatnonzero(marks) / log.rate
-    after = np.searchsorted(at, item.time - MARGIN)
-    return np.asarray((after < len(at)) & (at[np.minimum(after, len(at) - 1)] <= item.time + MARGIN))
+    after = np.searchsorted(at, item.time - reach)
+    return np.asarray((after < len(at)) & (at[np.minimum(after, len(at) - 1)] <= item.time + reach))

@@ -103,8 +103,7 @@ def _clear_rows(prepared: Sequence[Prepared], gaps: Sequence[Sequence[Gap]], kep
 
 
 def _far_from(item: Prepared, gaps: Sequence[Gap]) -> Mask:
-    # A row beyond the filter's reach, too: the motion was filtered by itself and differentiated before.
-    reach = (item.band.margin + 1.5 * item.band.step) / item.band.rate
+    reach = item.band.reach
     mask = np.ones(item.samples, dtype=bool)
     for begin, end in gaps:
         mask &= (item.time < begin - reach) | (item.time > end + reach)
