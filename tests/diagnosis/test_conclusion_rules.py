@@ -512,7 +512,7 @@ def test_whitened_excess_is_what_rows_leave_beyond_their_number() -> None:
         squares=lambda coefficients, recordings: np.array([300.0, 90.0]) / (1.0 + coefficients.sum()),
     )
     own = SimpleNamespace(
-        calibrated=fit, heldout=(0,), design=SimpleNamespace(count=lambda recordings: np.array([50.0, 30.0]))
+        calibrated=fit, judges=(0,), design=SimpleNamespace(count=lambda recordings: np.array([50.0, 30.0]))
     )
     own.whitened_power = lambda model: Evidence.whitened_power(own, model)
     assert Evidence.whitened_excess(own, None) == pytest.approx(5.0 + 2.0)

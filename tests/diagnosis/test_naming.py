@@ -17,6 +17,7 @@ from impedance_modules.diagnosis.model_selection.naming import (
     HELD_OUT_MIN,
     rejected_by_motion,
     rejection,
+    weighed_where_they_act,
     without_causes,
     without_uncertain,
     without_unconfirmed,
@@ -41,11 +42,16 @@ class Evidence:
     excess: dict[bool, float] | None = None
     calibrated: SimpleNamespace | None = None
     heldout: tuple[int, ...] = (0,)
+    weighed: tuple[int, ...] = ()
     selector: SimpleNamespace = field(
         default_factory=lambda: SimpleNamespace(
             model_fit=lambda model: SimpleNamespace(model=list(model)), refiner=None, simplest=list
         )
     )
+
+    @property
+    def judges(self) -> tuple[int, ...]:
+        return self.weighed or self.heldout
 
     def whitened_excess(self, fit: SimpleNamespace | None) -> float:
         return self.excess[fit is None]
@@ -90,6 +96,27 @@ def test_what_the_held_out_recordings_do_not_need_is_not_named_and_said() -> Non
     assert named(found) == ["spring", "friction"]
     assert [note.split(" on ")[0] for note in notes] == ["not named: worse", "not named: noise"]
     assert without_unconfirmed(found) == (found, ())
+
+
+def added(fitted: float, held_out: float, *, fixed: bool) -> Evidence:
+    """One term that adds so many times the noise to fitted recordings, and to the held-out one."""
+    rows = {0: held_out, 1: fitted, 2: fitted}
+    columns = [{5: np.full((40, 1), 0.0 if fixed else rows[r])} for r in rows]
+    steady = [{5: np.full(40, rows[r])} if fixed else {} for r in rows]
+    one = replaced(term("limit"), groups=(5,), columns=columns, fixed=steady, shaped=SimpleNamespace(size=1))
+    whole = SimpleNamespace(coefficients=np.array([9.0, 1.0]))
+    return Evidence({}, SimpleNamespace(model=[one], starts=np.array([1]), whole=whole, fitted=(1, 2)))
+
+
+@pytest.mark.parametrize("fixed", [True, False])
+def test_a_limit_that_no_held_out_recording_reaches_is_weighed_by_all(fixed: bool) -> None:
+    """A motor gave 2.7 N.m at most: 99.9 % of the gap, and none in the recording held out."""
+    found, notes = weighed_where_they_act(added(30.0, 0.01, fixed=fixed))
+    assert found.judges == (1, 2, 0)
+    assert notes == ("weighed by all recordings, since the held-out ones hardly show it: limit on elbow",)
+    for fitted, held_out in ((30.0, 5.0), (0.9, 0.01), (0.1, 0.1)):
+        before = added(fitted, held_out, fixed=fixed)
+        assert weighed_where_they_act(before) == (before, ())
 
 
 def test_beside_pushes_that_make_all_of_the_gap_nothing_is_named() -> None:

@@ -46,7 +46,12 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[set, set]]:
         return SimpleNamespace(model_fit=SimpleNamespace(model=[term]), pushes=(), notes=(f"found {first}",))
 
     monkeypatch.setattr(stages, "search_causes", search)
-    for stage in ("without_unconfirmed", "with_likelier_rivals", "without_weightless"):
+    for stage in (
+        "weighed_where_they_act",
+        "without_unconfirmed",
+        "with_likelier_rivals",
+        "without_weightless",
+    ):
         monkeypatch.setattr(stages, stage, lambda evidence: (evidence, ()))
     monkeypatch.setattr(stages, "without_causes", left_alone)
     return seen

@@ -46,6 +46,7 @@ class Evidence:
         refusal: Why the next best candidate was not accepted.
         pushes: External pushes; their rows are masked everywhere.
         notes: What the search left out, a sentence each.
+        weighed: Recordings by which causes are weighed; the held-out ones where empty.
     """
 
     selector: Selector
@@ -57,6 +58,12 @@ class Evidence:
     refusal: Refusal | None
     pushes: tuple[ExternalPush, ...] = ()
     notes: tuple[str, ...] = ()
+    weighed: tuple[int, ...] = ()
+
+    @property
+    def judges(self) -> tuple[int, ...]:
+        """Recordings by which causes are weighed."""
+        return self.weighed or self.heldout
 
     @property
     def design(self) -> Design:
@@ -130,14 +137,14 @@ class Evidence:
         return float(np.sum(np.clip(self.rms(model_fit) ** 2 - noise, 0.0, None) / unit))
 
     def whitened_power(self, model_fit: ModelFit | None) -> Array:
-        """(groups,) held-out power of whitened rows over the noise's; None: nominal.
+        """(groups,) power of whitened rows over the noise's, where causes are weighed; None: nominal.
 
         What is clear beside the noise at its frequency counts, however small it is beside all of it.
         """
         fit = self.calibrated if model_fit is None else model_fit
         coefficients = fit.whole.coefficients if model_fit is not None else np.zeros(fit.size)
-        left = fit.squares(coefficients, self.heldout)
-        return np.asarray(left / np.maximum(self.design.count(self.heldout), 1.0))
+        left = fit.squares(coefficients, self.judges)
+        return np.asarray(left / np.maximum(self.design.count(self.judges), 1.0))
 
     def held_out_likelihood(self, model_fit: ModelFit) -> Array:
         """(groups,) log-likelihood of the held-out recordings, each level profiled out, but for a constant [nats]."""

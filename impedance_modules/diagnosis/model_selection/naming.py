@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from impedance_modules.diagnosis.model_selection.cause_search import significant_terms
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm
@@ -17,6 +19,9 @@ from impedance_modules.diagnosis.result import Cause
 HELD_OUT_MIN = 0.1
 """Part of the held-out squares, where a cause acts, that it must remove: twice what it had to of the others. Of 178
 causes of simulated cases 32 were below it, 3 of them true (docs/wide-benchmark.md)."""
+
+SILENT = 0.1
+"""Power over the noise's below which the held-out recordings do not show a cause."""
 
 NO_POWER = 1e-12
 """What a term that explains no power at all is given, so that weights stay above zero."""
@@ -63,10 +68,46 @@ def held_out_part(evidence: Evidence, term: ModelTerm) -> float:
     model_fit, groups = evidence.model_fit, list(term.groups)
 
     def squares(fit: ModelFit) -> float:
-        return float(fit.squares(fit.whole.coefficients, evidence.heldout)[groups].sum())
+        return float(fit.squares(fit.whole.coefficients, evidence.judges)[groups].sum())
 
     without = squares(evidence.selector.model_fit([other for other in model_fit.model if other is not term]))
     return 1.0 - squares(model_fit) / without if without > 0.0 else 0.0
+
+
+def weighed_where_they_act(evidence: Evidence) -> tuple[Evidence, tuple[str, ...]]:
+    """Weighs causes by all recordings where some of them do not act in the held-out ones.
+
+    A limit that no held-out recording reaches is neither confirmed nor refuted by these. It was accepted for what it
+    explains of recordings that its fit had not seen.
+
+    Returns:
+        The evidence, and a sentence that says so.
+    """
+    silent = [term.candidate.name for term in evidence.model_fit.model if _silent(evidence, term)]
+    if not silent:
+        return evidence, ()
+    note = f"weighed by all recordings, since the held-out ones hardly show it: {', '.join(silent)}"
+    return replace(evidence, weighed=(*evidence.model_fit.fitted, *evidence.heldout)), (note,)
+
+
+def _silent(evidence: Evidence, term: ModelTerm) -> bool:
+    """Whether a term adds less than noise to held-out recordings, and clearly more to those that were fitted."""
+    model_fit = evidence.model_fit
+    held, fitted = (
+        _added_power(model_fit, term, recordings) for recordings in (evidence.heldout, model_fit.fitted)
+    )
+    return held < SILENT < 1.0 < fitted
+
+
+def _added_power(model_fit: ModelFit, term: ModelTerm, recordings: Sequence[int]) -> float:
+    """Largest mean square, over groups, of what a term adds to recordings, in units of the noise."""
+    start = int(model_fit.starts[model_fit.model.index(term)])
+    own = model_fit.whole.coefficients[start : start + term.shaped.size]
+    powers = []
+    for group in term.groups:
+        parts = [term.columns[r][group] @ own + term.fixed[r].get(group, 0.0) for r in recordings]
+        powers.append(float(np.mean(np.concatenate(parts) ** 2)))
+    return max(powers)
 
 
 def without_unconfirmed(evidence: Evidence) -> tuple[Evidence, tuple[str, ...]]:

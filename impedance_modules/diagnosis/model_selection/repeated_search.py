@@ -16,6 +16,7 @@ from impedance_modules.diagnosis.model_selection.naming import (
     SHARE_THAT_MATTERS,
     rejection,
     terms_of,
+    weighed_where_they_act,
     without_causes,
     without_unconfirmed,
     without_weightless,
@@ -67,6 +68,7 @@ class RepeatedSearch:
     def _found(self) -> tuple[Evidence, tuple[str, ...]]:
         self._progress("evaluating candidates")
         evidence = self._search(refused=self._refused)
+        evidence, elsewhere = weighed_where_they_act(evidence)
         evidence, unneeded = without_unconfirmed(evidence)
         evidence, exchanged = with_likelier_rivals(evidence)
         evidence, weightless = without_weightless(evidence)
@@ -75,6 +77,7 @@ class RepeatedSearch:
             *pushed,
             *evidence.notes,
             *self._refusals,
+            *elsewhere,
             *unneeded,
             *exchanged,
             *weightless,
