@@ -38,22 +38,25 @@ OTHER_REGULARISATIONS = (0.1, 0.3, 3.0, 7.0)
 """Multiples tried: bearings and simulators' ideal friction turn at once, wet surfaces creep before they slide, and so
 do the constraints of simulators."""
 
+SHARP = 0.3
+"""The one of them that laws of several numbers try: a softer sign than the true one changes their small numbers."""
+
 REFINED = (PRESLIDING, REGULARISATION)
 """Symbols that the regression moves off their grid."""
 
 
 def with_reversal_shapes(
-    shapes: tuple[dict[str, float], ...], site: Site, *, any_speed: bool
+    shapes: tuple[dict[str, float], ...], site: Site, *, one_number: bool
 ) -> tuple[dict[str, float], ...]:
     """Adds to the shapes of a dry law presliding displacements and other speeds.
 
     Args:
         shapes: The law's own.
         site: A joint of a recording.
-        any_speed: Other speeds too; for a law of one number, since beside more numbers they are hardly told apart.
+        one_number: The law has one number only: beside more of them a slow turn is hardly told from the law.
     """
     second = float(regularisation_velocity(site.signals.model.sliding)[site.joint])
-    others = OTHER_REGULARISATIONS if any_speed else ()
+    others = OTHER_REGULARISATIONS if one_number else (SHARP,)
     return (
         *shapes,
         *(
@@ -62,7 +65,7 @@ def with_reversal_shapes(
             for part in PRESLIDING_DISPLACEMENTS
             for shape in shapes
         ),
-        *({REGULARISATION: multiple} for multiple in others),
+        *({**shape, REGULARISATION: multiple} for multiple in others for shape in shapes),
     )
 
 

@@ -306,7 +306,7 @@ class JointLaw(Effect):
         """Adds to the shapes of a dry law how its sign may change at reversals."""
         if not self.dry:
             return shapes
-        return with_reversal_shapes(shapes, site, any_speed=len(self.description.symbols) == 1)
+        return with_reversal_shapes(shapes, site, one_number=len(self.description.symbols) == 1)
 
     def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
         """Puts the same law on the plant's joints, as a torque against the motion."""

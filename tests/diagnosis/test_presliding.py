@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Dry friction that bends before it slides, over any way up to a milliradian, is dry friction of its own size."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from impedance_modules.diagnosis.model_selection.forward_selection import Selector
-from impedance_modules.effects.dry_reversals import PRESLIDING, REGULARISATION
+from impedance_modules.effects.catalogue import CATALOGUE
+from impedance_modules.effects.dry_reversals import PRESLIDING, REGULARISATION, SHARP
 from impedance_modules.effects.joint_motion import REGULARISATION_VELOCITY, follow, sign
 from tests.diagnosis.test_diagnosis import JOINTS, answer, motion, torque
 from tests.support.recordings import columns_of, save
@@ -68,3 +71,20 @@ def test_the_speed_over_which_dry_friction_turns_is_found(tmp_path, monkeypatch,
     assert (cause["effect"], cause["joints"]) == ("coulomb_friction", ["elbow"])
     assert cause["parameters"]["elbow"]["fc"]["value"] == pytest.approx(FRICTION, rel=0.03)
     assert [shape.get(REGULARISATION, 1.0) for shape in shapes] == [pytest.approx(multiple, rel=0.3)]
+
+
+@pytest.mark.parametrize("effect", sorted(e for e, law in CATALOGUE.items() if law.dry))
+def test_every_dry_law_tries_a_sharper_sign(effect):
+    """Each of its own shapes, so that no law is preferred for the sign that it was given."""
+    law = CATALOGUE[effect]
+    model = SimpleNamespace(sliding=np.zeros(1, dtype=bool), joint_names=("elbow",))
+    site = SimpleNamespace(signals=SimpleNamespace(model=model), joint=0)
+    own = ({"vs": 0.1}, {"vs": 0.3}) if "vs" in law.shape else ({},)
+    found = law.with_reversal_shapes(site, own)
+    sharp = [
+        {k: v for k, v in shape.items() if k != REGULARISATION}
+        for shape in found
+        if shape.get(REGULARISATION) == SHARP
+    ]
+    assert sharp == list(own)
+    assert law.nearest(REGULARISATION, 0.01) == 0.1 and law.nearest(REGULARISATION, 20.0) == 7.0
