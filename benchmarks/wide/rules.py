@@ -151,6 +151,12 @@ SEARCH = (
 
 NAMING = (
     Rule(
+        "weighed",
+        "causes are weighed where they act",
+        "model_selection.repeated_search:weighed_where_they_act",
+        _given_with_none(0),
+    ),
+    Rule(
         "unconfirmed",
         "held-out recordings need the cause",
         "model_selection.repeated_search:without_unconfirmed",

@@ -53,7 +53,7 @@ WEAK_FLOOR_FACTOR = 3.0
 
 UNREST_POWER = 3
 """... times this power of the chi-square elsewhere over that of noise: it was 1.0 at 17 pushes, and 1.4 to 4 at 24 of
-25 that were found where nothing pushed (docs/wide-benchmark.md)."""
+25 that were found where nothing pushed (docs/wide-benchmark-history.md)."""
 
 MEDIAN_OF_THREE = 2.366
 """Median of a chi-square of three numbers."""

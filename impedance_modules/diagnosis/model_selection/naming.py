@@ -18,7 +18,7 @@ from impedance_modules.diagnosis.result import Cause
 
 HELD_OUT_MIN = 0.1
 """Part of the held-out squares, where a cause acts, that it must remove: twice what it had to of the others. Of 178
-causes of simulated cases 32 were below it, 3 of them true (docs/wide-benchmark.md)."""
+causes of simulated cases 32 were below it, 3 of them true (docs/wide-benchmark-history.md)."""
 
 SILENT = 0.1
 """Power over the noise's below which the held-out recordings do not show a cause."""
