@@ -158,9 +158,9 @@ class Payload(MassAtPoint):
         return tuple(by_axis(start) for start in starts)
 
     def shapes_within_bounds(self, coefficients: Array) -> tuple[dict[str, float], ...]:
-        """Places along the first moments: of a mass that is less than none they are known, and it is not.
+        """Places along the first moments: where a fit asks for a mass below zero, they are known and it is not.
 
-        A link's weight hardly shows the mass of what is at its end, since any link before it may be as much heavier.
+        The weight hardly shows the mass of what is at an arm's end, since any link before it may be as much heavier.
         """
         moments = coefficients[1:]
         size = float(np.linalg.norm(moments))
