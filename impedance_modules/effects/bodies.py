@@ -28,6 +28,10 @@ DISTANCES = (0.03, 0.1, 0.3)
 FAR = 3.0
 """Distance from a link's origin beyond which nothing is fixed to it [m]: a moment without a mass, not a thing."""
 
+HEAVY = 1000.0
+"""Standard deviation of a payload's mass, and of its first moments, before anything was recorded [kg, kg.m]: the
+largest arms carry 2300 kg. Where weight and inertia hardly differ, two numbers of a million cancel without it."""
+
 MOMENTS = ("dhx", "dhy", "dhz")
 
 INERTIAS = ("dIxx", "dIxy", "dIyy", "dIxz", "dIyz", "dIzz")
@@ -113,6 +117,7 @@ class Payload(MassAtPoint):
         applied="Plant and model: the link's inertia. The robot's own gravity compensation does not know it.",
     )
     shape = CENTRE
+    deviations = (HEAVY,) * 4
     of_accelerations = True
     compensation = "weight"
     compensated_at = ("link",)

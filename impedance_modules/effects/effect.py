@@ -64,6 +64,7 @@ class Effect(ABC):
             says nothing about the robot.
         in_every_drive: One of the laws of one number that every gear and motor has: a model of bare links lacks all
             of them at once.
+        deviations: Standard deviations of a wide prior on its coefficients; empty where the data alone decide.
         of_accelerations: Measured accelerations make its torque, and their noise.
         delays_torque: It delays the joint's torque; two such effects differ in the second order of their time only.
         shared_by_joints: One physical reason can give it to many joints at once: a delayed bus delays all commands.
@@ -93,6 +94,7 @@ class Effect(ABC):
     contrasts: tuple[tuple[float, ...], ...] = ()
     bound_to_recording: bool = False
     in_every_drive: bool = False
+    deviations: tuple[float, ...] = ()
     of_accelerations: bool = False
     delays_torque: bool = False
     shared_by_joints: bool = False

@@ -12,8 +12,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from impedance_modules.diagnosis.regression import shape_refinement
-from impedance_modules.diagnosis.regression.candidates import PERIODS_MIN, Candidate, covered, shapes_of
+from impedance_modules.diagnosis.regression.candidates import (
+    PERIODS_MIN,
+    Candidate,
+    CandidateRegressor,
+    covered,
+    shapes_of,
+)
+from impedance_modules.diagnosis.regression.design_matrix import layout_of
 from impedance_modules.diagnosis.regression.shape_refinement import ShapeRefiner
+from impedance_modules.effects.bodies import HEAVY
 from impedance_modules.effects.catalogue import CATALOGUE
 from tests.support.commands import invoke
 from tests.support.plant_recordings import patch_text, record, robot_folder
@@ -163,3 +171,28 @@ def test_where_no_shape_of_the_grid_is_physical_those_of_the_fit_are_tried(
     start = Fitted(None, (), [term(candidate, {"cx": 0.0, "cy": 0.0, "cz": 0.0}, None)])
     found = refiner._within_bounds(start)
     assert found.far == pytest.approx(0.1 if hides else 0.0)
+
+
+@settings(max_examples=30, deadline=None)
+@given(apart=st.floats(1e-9, 1e-7), seed=st.integers(0, 2**32 - 1))
+def test_a_mass_and_its_moments_do_not_cancel_at_a_million(apart: float, seed: int) -> None:
+    """About a vertical axis the columns of both are one to nine digits; the sum of them is what a rotor would do."""
+    dice = np.random.default_rng(seed)
+    swing = np.sin(np.linspace(0.0, 30.0, 400))
+    columns = np.column_stack([swing, swing + apart * dice.normal(size=400), swing, swing])
+    columns[:, 2:] = dice.normal(size=(400, 2))
+    candidate = Candidate(CATALOGUE["payload"], "link", "hand", ())
+    regressor = CandidateRegressor(candidate, {}, ("payload", "hand", "link"))
+    regressor.append(
+        SimpleNamespace(
+            blocks={("motor", 0): columns},
+            lower=np.array([0.0, *3 * [-np.inf]]),
+            upper=np.full(4, np.inf),
+            fixed=False,
+        )
+    )
+    layout = layout_of(regressor, [("motor", 0)], {}, {0: 0})
+    X, target = columns * layout.scale**-1.0, 8.3 * swing + dice.normal(scale=0.1, size=400)
+    found = np.linalg.solve(X.T @ X + np.diag(layout.precision), X.T @ target) / layout.scale
+    assert np.abs(found).max() < 3.0 * HEAVY
+    assert found[0] + found[1] == pytest.approx(8.3, abs=0.1)

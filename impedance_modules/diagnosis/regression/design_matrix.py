@@ -210,6 +210,9 @@ def layout_of(
     wide = links.get(regressor.key[1])
     bound = wide is not None and size == len(wide)
     precision = (scale * wide) ** -2.0 if bound and wide is not None else unseen.astype(float)
+    own = () if regressor.candidate is None else regressor.candidate.effect.deviations
+    if own:
+        precision = np.maximum(precision, (scale * np.array(own)) ** -2.0)
     shaped = ShapedCandidate(
         regressor.candidate,
         regressor.shape,
