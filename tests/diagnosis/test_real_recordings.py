@@ -55,9 +55,12 @@ def values_of(answer, effect):
 
 
 def within(found, published, part=0.05):
-    """Recovered within 5 %, or within twice the standard deviation that the answer itself states."""
+    """Recovered within 5 %, or within 2.5 times the standard deviation that the answer itself states.
+
+    Of a dozen numbers of one robot one lies beyond two of them every second time.
+    """
     value, std, _ = found
-    return abs(value - published) <= max(part * abs(published), 2.0 * std)
+    return abs(value - published) <= max(part * abs(published), 2.5 * std)
 
 
 def refuse_impossible(answer, tree):
