@@ -16,9 +16,11 @@ from tests.support.recordings import columns_of, save
 FRICTION = 1.5
 
 
-@pytest.mark.parametrize("stretch", [0.25e-3, 0.55e-3, 0.8e-3])
-def test_the_way_until_dry_friction_slides_is_found(tmp_path, monkeypatch, stretch):
-    """Between two of the ways that are tried first, where both are hundreds of nats worse than the true one."""
+def reversals_found(tmp_path, monkeypatch, sign_of):
+    """How the sign of an elbow's dry friction is found to turn: the shapes of its law, which is named with its size.
+
+    ``sign_of`` gives that sign (N,) from the elbow's position and speed.
+    """
     shapes = []
     simplest = Selector.simplest
 
@@ -31,7 +33,7 @@ def test_the_way_until_dry_friction_slides_is_found(tmp_path, monkeypatch, stret
     for index, kind in enumerate((0, 1, 2, 0)):
         dice = np.random.default_rng(index)
         t, q, v, a = motion(kind, 15.0)
-        friction = FRICTION * follow(q[:, 1], stretch)
+        friction = FRICTION * sign_of(q[:, 1], v[:, 1])
         tau = torque(q, v, a, mass=1.0) + np.column_stack([0.0 * friction, friction])
         tau = tau + dice.normal(scale=0.02, size=q.shape)
         q = q + dice.normal(scale=1e-6, size=q.shape)
@@ -40,6 +42,13 @@ def test_the_way_until_dry_friction_slides_is_found(tmp_path, monkeypatch, stret
     (cause,) = said["causes"]
     assert (cause["effect"], cause["joints"]) == ("coulomb_friction", ["elbow"])
     assert cause["parameters"]["elbow"]["fc"]["value"] == pytest.approx(FRICTION, rel=0.03)
+    return shapes
+
+
+@pytest.mark.parametrize("stretch", [0.25e-3, 0.55e-3, 0.8e-3])
+def test_the_way_until_dry_friction_slides_is_found(tmp_path, monkeypatch, stretch):
+    """Between two of the ways that are tried first, where both are hundreds of nats worse than the true one."""
+    shapes = reversals_found(tmp_path, monkeypatch, lambda q, v: follow(q, stretch))
     assert [shape[PRESLIDING] for shape in shapes] == [pytest.approx(stretch, rel=0.2)]
 
 
@@ -49,27 +58,8 @@ def test_the_way_until_dry_friction_slides_is_found(tmp_path, monkeypatch, stret
 )
 def test_the_speed_over_which_dry_friction_turns_is_found(tmp_path, monkeypatch, multiple):
     """A sign that is sharper than the usual one is no Stribeck friction: it looks higher at low speed, as that does."""
-    shapes = []
-    simplest = Selector.simplest
-
-    def seen(selector, model):
-        shapes[:] = [term.shaped.shape for term in model if term.key[0] == "coulomb_friction"]
-        return simplest(selector, model)
-
-    monkeypatch.setattr(Selector, "simplest", seen)
-    paths = []
-    for index, kind in enumerate((0, 1, 2, 0)):
-        dice = np.random.default_rng(index)
-        t, q, v, a = motion(kind, 15.0)
-        friction = FRICTION * sign(v[:, 1], multiple * REGULARISATION_VELOCITY)
-        tau = torque(q, v, a, mass=1.0) + np.column_stack([0.0 * friction, friction])
-        tau = tau + dice.normal(scale=0.02, size=q.shape)
-        q = q + dice.normal(scale=1e-6, size=q.shape)
-        paths.append(save(tmp_path, f"run{index}", columns_of(t, JOINTS, position=q, velocity=v, effort=tau)))
-    _, said = answer(tmp_path, paths)
-    (cause,) = said["causes"]
-    assert (cause["effect"], cause["joints"]) == ("coulomb_friction", ["elbow"])
-    assert cause["parameters"]["elbow"]["fc"]["value"] == pytest.approx(FRICTION, rel=0.03)
+    speed = multiple * REGULARISATION_VELOCITY
+    shapes = reversals_found(tmp_path, monkeypatch, lambda q, v: sign(v, speed))
     assert [shape.get(REGULARISATION, 1.0) for shape in shapes] == [pytest.approx(multiple, rel=0.3)]
 
 
