@@ -110,7 +110,7 @@ def _item(touched: slice, residuals: tuple[str, ...] = ("link", "actuator", "vel
     marks = np.zeros(1000, dtype=bool)
     marks[touched] = True
     log = SimpleNamespace(in_contact=marks, rate=100.0, start=0.0, duration=10.0, gaps=np.zeros((0, 2)))
-    band = SimpleNamespace(step=1, rate=100.0, reach=0.2)
+    band = SimpleNamespace(step=1, rate=100.0, reach=0.2, cutoff=10.0)
     return _Item(log, dict.fromkeys(residuals, 0.0), 1000, np.arange(1000) / 100.0, band)
 
 

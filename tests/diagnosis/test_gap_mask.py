@@ -13,7 +13,12 @@ from hypothesis import strategies as st
 
 from impedance_modules.diagnosis.data.stamps import SEVERAL_LOST, gaps_of, stamp_jitter
 from impedance_modules.diagnosis.residuals.band import Band
-from impedance_modules.diagnosis.residuals.gap_mask import FILLED_MAX, long_gaps, rows_without_gaps
+from impedance_modules.diagnosis.residuals.gap_mask import (
+    FILLED_MAX,
+    _far_from,
+    lost_stretches,
+    rows_without_gaps,
+)
 from impedance_modules.diagnosis.rollout.simulated_windows import HISTORY, WINDOW, place_windows
 from tests.support.commands import invoke
 from tests.support.plant_recordings import record, robot_folder
@@ -51,12 +56,23 @@ def test_rows_that_the_filter_brings_into_a_long_gap_do_not_count(
     gap = np.array([[begin, begin + length]]) + start
     item = recording(gap, start=start)
     clear = rows_without_gaps([item, recording(np.zeros((0, 2)))])
-    assert bool(long_gaps(item)) == ((gap[0, 1] - gap[0, 0]) * CUTOFF > FILLED_MAX)
+    length = gap[0, 1] - gap[0, 0]
+    assert bool(len(lost_stretches(item))) == (length * CUTOFF > FILLED_MAX and length * RATE > SEVERAL_LOST)
     (mask,) = clear.values()
     assert list(clear) == [0]
     away = np.maximum(gap[0, 0] - item.time, item.time - gap[0, 1])
     decided = np.abs(away - REACH) > 1e-9
     np.testing.assert_array_equal(mask[decided], (away > REACH)[decided])
+
+
+@settings(max_examples=50, deadline=None)
+@given(steps=st.lists(st.floats(0.15, 6.0), min_size=1, max_size=40), length=st.floats(0.025, 0.14))
+def test_of_many_gaps_each_counts(steps: list[float], length: float) -> None:
+    """They are looked up at once; one by one they mask the same rows."""
+    begin = np.cumsum(steps)
+    item = recording(np.column_stack([begin, begin + length]), float(begin[-1]) + 2.0)
+    near = [(item.time >= t - REACH) & (item.time <= t + length + REACH) for t in begin]
+    np.testing.assert_array_equal(_far_from(item, np.ones(len(begin), dtype=bool)), ~np.any(near, axis=0))
 
 
 @pytest.mark.parametrize(("seconds", "masked"), [(10.0, False), (40.0, True)])

@@ -14,12 +14,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.stamps import SEVERAL_LOST
 from impedance_modules.diagnosis.residuals.contact_mask import Mask, masked_seconds
 from impedance_modules.diagnosis.residuals.preparation import Prepared
-
-Gap = tuple[float, float]
-"""Times of the last sample before and of the first after lost ones, since the recording began [s]."""
 
 FILLED_MAX = 0.2
 """Longest gap that may be filled in, in periods of the end of the band."""
@@ -37,25 +35,16 @@ def rows_without_gaps(prepared: Sequence[Prepared]) -> dict[int, Mask]:
     From all gaps where they are rare; else from as many of the long ones as leave enough rows: those in which several
     samples were lost come first.
     """
-    several = _rare_or_long(prepared, [several_lost(item) for item in prepared])
-    for gaps, kept in (
-        ([_all_gaps(item) for item in prepared], 1.0 - RARE),
-        ([[*some, *long_gaps(item)] for some, item in zip(several, prepared, strict=True)], KEPT),
-        (several, KEPT),
-    ):
+    everything = [np.ones(len(item.log.gaps), dtype=bool) for item in prepared]
+    several, long = [_several(item) for item in prepared], [_long(item) for item in prepared]
+    if not _clear_rows(prepared, several, 1.0 - RARE):
+        several = [some & far for some, far in zip(several, long, strict=True)]
+    both = [some | far for some, far in zip(several, long, strict=True)]
+    for gaps, kept in ((everything, 1.0 - RARE), (both, KEPT), (several, KEPT)):
         clear = _clear_rows(prepared, gaps, kept)
         if clear:
             return clear
     return {}
-
-
-def _rare_or_long(prepared: Sequence[Prepared], gaps: Sequence[Sequence[Gap]]) -> Sequence[Sequence[Gap]]:
-    """Gaps of all recordings, or only the long ones where all would cost too many rows."""
-    if _clear_rows(prepared, gaps, 1.0 - RARE):
-        return gaps
-    return [
-        [gap for gap in some if gap in long_gaps(item)] for some, item in zip(gaps, prepared, strict=True)
-    ]
 
 
 def rows_of_all_residuals(clear: Mapping[int, Mask], groups: int) -> dict[tuple[int, int], Mask]:
@@ -75,36 +64,32 @@ def gap_note(prepared: Sequence[Prepared]) -> tuple[str, ...]:
     return (f"samples were lost; what lies about these gaps does not count: {places}",)
 
 
-def long_gaps(item: Prepared) -> list[Gap]:
-    """The gaps that are too long to be filled in."""
-    return [(a, b) for a, b in _all_gaps(item) if (b - a) * item.band.cutoff > FILLED_MAX]
+def lost_stretches(item: Prepared) -> Array:
+    """The gaps (G, 2) of several samples that are too long to be filled in, since the recording began [s]."""
+    return np.asarray(item.log.gaps[_several(item) & _long(item)])
 
 
-def several_lost(item: Prepared) -> list[Gap]:
-    """The gaps in which several samples in a row were lost."""
-    return [(a, b) for a, b in _all_gaps(item) if (b - a) * item.log.rate > SEVERAL_LOST]
+def _long(item: Prepared) -> Mask:
+    """Marks the gaps (G,) that are too long to be filled in."""
+    return np.asarray(np.diff(item.log.gaps)[:, 0] * item.band.cutoff > FILLED_MAX)
 
 
-def lost_stretches(item: Prepared) -> list[Gap]:
-    """The gaps of several samples that are too long to be filled in."""
-    return [gap for gap in several_lost(item) if gap in long_gaps(item)]
+def _several(item: Prepared) -> Mask:
+    """Marks the gaps (G,) in which several samples in a row were lost."""
+    return np.asarray(np.diff(item.log.gaps)[:, 0] * item.log.rate > SEVERAL_LOST)
 
 
-def _all_gaps(item: Prepared) -> list[Gap]:
-    return [(float(a), float(b)) for a, b in item.log.gaps]
-
-
-def _clear_rows(prepared: Sequence[Prepared], gaps: Sequence[Sequence[Gap]], kept: float) -> dict[int, Mask]:
-    """Recording -> (M,) rows far from its gaps; empty without any, or where less than a part of all would be kept."""
-    clear = {r: _far_from(prepared[r], places) for r, places in enumerate(gaps) if places}
+def _clear_rows(prepared: Sequence[Prepared], gaps: Sequence[Mask], kept: float) -> dict[int, Mask]:
+    """Recording -> (M,) rows far from its marked gaps; empty without any, or where less than a part would be kept."""
+    clear = {r: _far_from(prepared[r], marks) for r, marks in enumerate(gaps) if marks.any()}
     clear = {r: mask for r, mask in clear.items() if not mask.all()}
     lost = sum(int((~mask).sum()) for mask in clear.values())
     return clear if lost <= (1.0 - kept) * sum(item.samples for item in prepared) else {}
 
 
-def _far_from(item: Prepared, gaps: Sequence[Gap]) -> Mask:
+def _far_from(item: Prepared, marks: Mask) -> Mask:
+    """Rows (M,) out of reach of the marked gaps, of which there may be thousands: they follow each other in time."""
     reach = item.band.reach
-    mask = np.ones(item.samples, dtype=bool)
-    for begin, end in gaps:
-        mask &= (item.time < begin - reach) | (item.time > end + reach)
-    return mask
+    begin, end = item.log.gaps[marks].T
+    last = np.searchsorted(begin - reach, item.time, side="right") - 1
+    return np.asarray((last < 0) | (item.time > end[np.maximum(last, 0)] + reach))

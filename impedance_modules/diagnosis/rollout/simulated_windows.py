@@ -92,7 +92,8 @@ def place_windows(prepared: Sequence[Prepared], members: Sequence[int], count: i
     if last <= MARGIN:
         return []
     if any(
-        prepared[index].log.in_contact is not None or lost_stretches(prepared[index]) for index in members
+        prepared[index].log.in_contact is not None or lost_stretches(prepared[index]).size
+        for index in members
     ):
         free = [
             start
@@ -332,7 +333,8 @@ def _unusable(item: Prepared, start: float) -> bool:
     """Whether any sample of a window is in contact, by the recording's phases, or missing."""
     in_contact, rate = item.log.in_contact, item.log.rate
     begin, end = item.log.start + start - HISTORY, item.log.start + start + WINDOW
-    if any(first < end and last > begin for first, last in lost_stretches(item)):
+    first, after = lost_stretches(item).T
+    if np.any((first < end) & (after > begin)):
         return True
     if in_contact is None:
         return False
