@@ -17,6 +17,7 @@ from impedance_modules.effects import (
     sensor_effects,
     springs,
     surface_effects,
+    transmission_coupling,
     water,
 )
 from impedance_modules.effects.effect import Effect
@@ -52,7 +53,7 @@ _EFFECTS: tuple[Effect, ...] = (
     clock.ClockDrift(),
     external_contact.ExternalContact(),
     drive_effects.ControllerGain(),
-    joint_transmission.TransmissionCoupling(),
+    transmission_coupling.TransmissionCoupling(),
     surface_effects.SurfaceHeight(),
     surface_effects.SurfaceStiffness(),
     surface_effects.SurfaceFriction(),

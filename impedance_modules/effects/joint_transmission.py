@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""The transmission between motor and link: rotor inertia, elasticity, backlash, and coupling of two joints.
+r"""The transmission between motor and link: rotor inertia, elasticity and backlash.
 
 With the link's position recorded, the motor is at \theta = q + \delta; a deflection \delta that the
 nominal model does not know costs the motor I_r \ddot\delta + D \dot\delta. With the motor's position recorded
@@ -15,29 +15,20 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.arrays import Array
-from impedance_modules.compiled import compiled
 from impedance_modules.effects.effect import Effect, Values
 from impedance_modules.effects.effect_description import Description, Port, joint_parameter
-from impedance_modules.effects.joint_motion import (
-    REGULARISATION_VELOCITY,
-    CompiledTorque,
-    JointMotion,
-    Shape,
-    sign,
-)
+from impedance_modules.effects.joint_motion import Shape
 from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.recorded_signals import Signals
-from impedance_modules.effects.regressor import Regressor, Site, all_rows, ends, one_row
+from impedance_modules.effects.regressor import Regressor, Site, all_rows, one_row
 from impedance_modules.effects.residual_kinds import Residual, uses_motion
 from impedance_modules.effects.simulator_numbers import one_number
 from impedance_modules.errors import BadInput
-from impedance_modules.records import Integer, Record, Scalar, Vector
 from impedance_modules.robot.model import with_reflected_inertia
 from impedance_modules.spec.robot_spec import EncoderSide, RobotSpec
 
@@ -301,101 +292,3 @@ def unloaded(load: Array) -> NDArray[np.bool_]:
 
 def _least_load(load: Array) -> float:
     return UNLOADED * float(np.sqrt(np.mean(load**2)))
-
-
-class TransmissionCoupling(Effect):
-    """Off-diagonal rotor inertia and friction of two joints."""
-
-    description = Description(
-        id="transmission_coupling",
-        sentence="A shaft runs through one joint to the next: turning one of them turns the other's motor as well.",
-        equation="tau_i = Ia a_j + fv v_j + fc sgn(v_i + v_j), and the same for j with i;"
-        " the diagonal parts belong to reflected_inertia and viscous_friction",
-        parameters=(
-            joint_parameter("Ia", "kg.m^2", "rotor inertia that couples them", left_out="0"),
-            joint_parameter("fv", "N.m.s/rad", "viscous friction that couples them", left_out="0"),
-            joint_parameter("fc", "N.m", "dry friction of the common shaft", lower=0.0, left_out="0"),
-        ),
-        ports=("actuator",),
-        places={"actuator": "transmission"},
-        keys=("pair",),
-        signature="each of two joints follows the other's acceleration and speed",
-        confusable_with=("crosstalk", "link_inertia", "coulomb_friction"),
-        excitation="one joint of the pair at a time, then both",
-        reference="Janot, Vandanjon & Gautier 2014 (Staubli TX40 wrist)",
-        applied="The plant: the two motors' equations; refused where the rotors' inertia would be no inertia.",
-    )
-
-    symmetric = True
-    not_exported = "a joint's rotor there does not turn with another joint"
-    not_compensated = (
-        "it asks for torque in proportion to another joint's acceleration, which nobody measures"
-        " (valid: --effects)"
-    )
-
-    def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
-        """Three columns on the rows of both joints."""
-        joint, other = (site.signals.joint(name) for name in ends(site.key))
-        one, two = (site.signals.sample(i, motor_side=True) for i in (joint, other))
-        rub = sign.python(one.velocity + two.velocity, REGULARISATION_VELOCITY)
-        columns = np.stack(
-            [np.stack([far.acceleration, far.velocity, rub], axis=-1) for far in (two, one)], axis=1
-        )
-        lower = np.array([-np.inf, -np.inf, 0.0])
-        return Regressor((joint, other), columns, np.zeros(columns.shape[:2]), lower, np.full(3, np.inf))
-
-    def relations(self, values: Values) -> list[str]:
-        """At least one number must be given."""
-        return [] if values else [f"gives none of its numbers ({', '.join(SYMBOLS)})"]
-
-    def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
-        """Couples motors."""
-        for key, values in parameters.items():
-            i, j = (builder.joint(name) for name in ends(key))
-            builder.coupling[i, j] += values.get("Ia", 0.0)
-            builder.coupling[j, i] = builder.coupling[i, j]
-            _check_coupled_inertia(builder, i, j)
-            viscous, dry = values.get("fv", 0.0), values.get("fc", 0.0)
-            if viscous or dry:
-                builder.torques.append(SharedShaft(i, j, viscous, dry))
-
-
-def _check_coupled_inertia(builder: PlantBuilder, i: int, j: int) -> None:
-    """Refuses an off-diagonal inertia that the two rotors' own cannot carry."""
-    own = builder.model.rotor_inertia
-    largest = float(np.sqrt(own[i] * own[j]))
-    if abs(builder.coupling[i, j]) > 0.99 * largest > 0.0 or (builder.coupling[i, j] and largest == 0.0):
-        names = builder.model.joint_names
-        raise BadInput(
-            f"transmission_coupling on '{names[i]}<-{names[j]}': Ia {builder.coupling[i, j]:g} kg.m^2 is more than"
-            f" the two rotors can couple (valid: below sqrt(I_r I_r) = {largest:g})"
-        )
-
-
-class ShaftState(Record):
-    """Indices of two joints, and the frictions of their common shaft [N.m.s/rad], [N.m]."""
-
-    joint: Integer
-    other: Integer
-    viscous: Scalar
-    dry: Scalar
-
-
-@compiled
-def take_shaft_friction(shaft: ShaftState, motion: JointMotion, torque: Vector) -> None:
-    """Subtracts fv v_j + fc sgn(v_i + v_j) from joint i, and the same from j with i [N.m]."""
-    i, j, speed = shaft.joint, shaft.other, motion.motor_velocity
-    rub = shaft.dry * sign(speed[i] + speed[j], REGULARISATION_VELOCITY)
-    torque[i] -= shaft.viscous * speed[j] + rub
-    torque[j] -= shaft.viscous * speed[i] + rub
-
-
-class SharedShaft(CompiledTorque):
-    """Friction of a shaft that turns with two motors."""
-
-    port: Literal["motor", "link"] = "motor"
-    law = take_shaft_friction
-
-    def __init__(self, joint: int, other: int, viscous: float, dry: float) -> None:
-        """Takes the joints' indices and frictions [N.m.s/rad], [N.m]."""
-        self.state = ShaftState(joint=joint, other=other, viscous=viscous, dry=dry)
