@@ -213,6 +213,10 @@ class Effect(ABC):
             name: found[name] if name in found else float(shape[name]) for name in self.description.symbols
         }
 
+    def from_none(self, coefficients: Array, shape: Values) -> Array:
+        """Gives a regression's result, counted from where there is no effect."""
+        return coefficients
+
     @property
     def free(self) -> tuple[str, ...]:
         """Symbols that are coefficients of the regression."""
@@ -359,7 +363,11 @@ class Stepped(Effect):
 
     def values(self, coefficients: Array, shape: Values, site: Site) -> dict[str, float]:
         """The shape plus the step."""
-        return {name: float(shape[name] + step) for name, step in zip(self.shape, coefficients, strict=True)}
+        return dict(zip(self.shape, map(float, self.from_none(coefficients, shape)), strict=True))
+
+    def from_none(self, coefficients: Array, shape: Values) -> Array:
+        """The shape plus the step."""
+        return np.array([shape[name] for name in self.shape]) + coefficients
 
 
 def predicted(effect: Effect, site: Site, residual: Residual, values: Values) -> Array:

@@ -25,6 +25,8 @@ from impedance_modules.diagnosis.model_selection.naming import (
 )
 from impedance_modules.diagnosis.regression import parameter_estimates
 from impedance_modules.diagnosis.regression.parameter_estimates import beyond_chance, beyond_simpler
+from impedance_modules.effects.catalogue import CATALOGUE
+from impedance_modules.effects.effect import Effect
 
 
 def term(effect: str, joint: str = "elbow", port: str = "link") -> SimpleNamespace:
@@ -190,11 +192,15 @@ def test_of_two_uncertain_terms_the_larger_is_judged_again(monkeypatch: pytest.M
 
 
 def fitted(
-    coefficients: np.ndarray, covariance: np.ndarray, monkeypatch: pytest.MonkeyPatch, *, fixed: bool = False
+    coefficients: np.ndarray,
+    covariance: np.ndarray,
+    monkeypatch: pytest.MonkeyPatch,
+    effect: Effect | None = None,
 ) -> bool:
+    own = SimpleNamespace(refined=lambda shape: (), from_none=lambda found, shape: found)
     one = SimpleNamespace(
-        shaped=SimpleNamespace(size=len(coefficients), shape={}, fixed=fixed),
-        candidate=SimpleNamespace(effect=SimpleNamespace(refined=lambda shape: ())),
+        shaped=SimpleNamespace(size=len(coefficients), shape={"rx": 0.2, "ry": 0.1}),
+        candidate=SimpleNamespace(effect=effect or own),
     )
     monkeypatch.setattr(parameter_estimates, "_covariance", lambda *rest: covariance)
     return beyond_chance(SimpleNamespace(model=[one], of=lambda index: coefficients), None, 0)
@@ -206,7 +212,7 @@ def test_numbers_are_judged_together_in_whatever_units(seed: int, size: int, len
     random = np.random.default_rng(seed)
     root = random.standard_normal((size, size)) + 3.0 * np.eye(size)
     direction = random.standard_normal(size)
-    bound = np.sqrt(chi2.ppf(0.95, size))
+    bound = np.sqrt(chi2.ppf(0.999, size))
     coefficients = root @ (length * bound * direction / np.linalg.norm(direction))
     units = 10.0 ** random.uniform(-4.0, 4.0, size)
     if abs(length - 1.0) < 1e-6:
@@ -217,14 +223,19 @@ def test_numbers_are_judged_together_in_whatever_units(seed: int, size: int, len
 
 
 def test_a_direction_that_nothing_tells_does_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two numbers that move together are one: 95 % of one number, not of two."""
+    """Two numbers that move together are one: 99.9 % of one number, not of two."""
     together = np.array([[1.0, 1.0], [1.0, 1.0]])
-    bound = np.sqrt(chi2.ppf(0.95, 1))
+    bound = np.sqrt(chi2.ppf(0.999, 1))
     assert fitted(1.01 * bound * np.ones(2), together, monkeypatch)
     assert not fitted(0.99 * bound * np.ones(2), together, monkeypatch)
     assert fitted(np.zeros(0), np.zeros((0, 0)), monkeypatch)
-    # A torque that is there without its coefficients is not judged by them.
-    assert fitted(np.zeros(2), together, monkeypatch, fixed=True)
+
+
+def test_a_tilt_is_judged_by_itself_and_not_by_its_last_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The regression's coefficients are what is left to go from a tilt of (0.2, 0.1)."""
+    tilt, error = CATALOGUE["base_tilt"], 0.05**2 * np.eye(2)
+    assert fitted(np.zeros(2), error, monkeypatch, tilt)
+    assert not fitted(np.array([-0.19, -0.08]), error, monkeypatch, tilt)
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.folds import DataSplit
@@ -42,7 +43,12 @@ from impedance_modules.diagnosis.regression.noise_floor import (
     repeat_pairs,
 )
 from impedance_modules.diagnosis.regression.nuisance_columns import NuisanceColumns, build_nuisance
-from impedance_modules.diagnosis.regression.parameter_estimates import UnwhitenedFit, beyond_chance, estimates
+from impedance_modules.diagnosis.regression.parameter_estimates import (
+    CHANCE,
+    UnwhitenedFit,
+    beyond_chance,
+    estimates,
+)
 from impedance_modules.diagnosis.regression.sensor_noise import read_noise
 from impedance_modules.diagnosis.regression.shape_refinement import ShapeRefiner
 from impedance_modules.diagnosis.regression.whitening import Whitening
@@ -252,7 +258,7 @@ def _significant(model_fit: ModelFit, refiner: ShapeRefiner, index: int, term: M
         return beyond_chance(model_fit, refiner, index)
     neutral = effect.description.parameters[0].neutral
     (found,) = estimates(model_fit, refiner, index, prismatic=False).values()
-    return abs(found.value - neutral) > SIGMA * found.std
+    return (found.value - neutral) ** 2 > float(chi2.ppf(1.0 - CHANCE, 1)) * found.std**2
 
 
 def _floor(

@@ -31,7 +31,10 @@ ALLOWED = 1.45
 """Power over noise that a model passes with (see `lack_of_fit`): its numbers' variances are as much larger."""
 
 CONFIDENCE = 0.95
-"""With which a cause's numbers must differ from none."""
+"""With which what makes a law more than a simpler one must differ from none."""
+
+CHANCE = 0.001
+"""Probability that numbers of an effect that is not there pass as a cause's: fifty candidates and more are searched."""
 
 RANK = 1e-9
 """Directions of a covariance with less than this part of the largest are none."""
@@ -126,18 +129,18 @@ def estimates(
 
 
 def beyond_chance(model_fit: ModelFit, refiner: ShapeRefiner, index: int) -> bool:
-    r"""Whether the coefficients of a term are surely not all zero, by the errors that its numbers are printed with.
+    r"""Whether the numbers of a term are surely not those of no effect, by the errors that they are printed with.
 
-        c^T C^{-1} c > \chi^2_{95 \%}(rank of C)
+        c^T C^{-1} c > \chi^2_{99.9 \%}(rank of C)      c counted from where the effect is none
 
     A law that filters the command also fits the command's noise; and what a model leaves is no white noise, so that
-    a gain of likelihood alone is too easily had. True for a term that is there without coefficients as well (a tilt
-    about which it is linearised).
+    a gain of likelihood alone is too easily had. True for a term that is there without coefficients.
     """
     term = model_fit.model[index]
-    if term.shaped.size == 0 or term.shaped.fixed:
+    if term.shaped.size == 0:
         return True
-    return _differs(model_fit.of(index), _own_covariance(model_fit, refiner, index))
+    found = term.candidate.effect.from_none(model_fit.of(index), term.shaped.shape)
+    return _differs(found, _own_covariance(model_fit, refiner, index), 1.0 - CHANCE)
 
 
 def beyond_simpler(model_fit: ModelFit, refiner: ShapeRefiner, index: int) -> bool:
@@ -154,7 +157,7 @@ def beyond_simpler(model_fit: ModelFit, refiner: ShapeRefiner, index: int) -> bo
         return True
     L = np.array(rows)
     found = np.clip(model_fit.of(index), term.shaped.lower, term.shaped.upper)
-    return _differs(L @ found, L @ _own_covariance(model_fit, refiner, index) @ L.T)
+    return _differs(L @ found, L @ _own_covariance(model_fit, refiner, index) @ L.T, CONFIDENCE)
 
 
 def _own_covariance(model_fit: ModelFit, refiner: ShapeRefiner, index: int) -> Array:
@@ -164,14 +167,14 @@ def _own_covariance(model_fit: ModelFit, refiner: ShapeRefiner, index: int) -> A
     return _covariance(model_fit, refiner, index, symbols)[: term.shaped.size, : term.shaped.size]
 
 
-def _differs(values: Array, covariance: Array) -> bool:
+def _differs(values: Array, covariance: Array, confidence: float) -> bool:
     """Whether values (p,) with a covariance (p, p) are surely not all zero."""
     # In units of each value's own error: inertias have very different ones.
     spread = np.sqrt(np.clip(np.diag(covariance), np.finfo(float).tiny, None))
     parts, axes = np.linalg.eigh(covariance / np.outer(spread, spread))
     known = parts > RANK * parts[-1]
     along = (axes[:, known].T @ (values / spread)) ** 2 / parts[known]
-    return float(along.sum()) > float(chi2.ppf(CONFIDENCE, int(known.sum())))
+    return float(along.sum()) > float(chi2.ppf(confidence, int(known.sum())))
 
 
 def _slopes(values: Callable[[Array], dict[str, float]], point: Array, roots: Array) -> dict[str, Array]:
