@@ -426,57 +426,6 @@ def test_torque_of_a_link_turns_the_rotor_behind_its_spring_too(
         np.testing.assert_allclose(felt[300:-300, 0], expected[300:-300], rtol=1e-3, atol=2e-3)
 
 
-@given(st.integers(0, 2**32 - 1))
-@settings(max_examples=10, deadline=None)
-def test_the_clock_drift_is_found_from_readings_and_commands(seed: int) -> None:
-    """Readings at t show what was at t / (1 + c); what the motors gave is what was asked for then."""
-    random, clock = np.random.default_rng(seed), CATALOGUE["clock_drift"]
-    drift = float(random.uniform(-4e-3, 4e-3))
-    s = recording()
-    time = np.arange(1200) / 100.0
-    tones, phases = random.uniform(0.3, 2.0, (2, s.n)), random.uniform(0.0, 6.0, (2, s.n))
-
-    def asked(t: np.ndarray) -> np.ndarray:
-        return np.asarray(np.sin(2.0 * np.pi * tones * t[:, None, None] + phases).sum(axis=1))
-
-    late = at_rest(s, time, drive=asked(time))
-    found = clock.regressor(Site(late, "log", "timing"), "actuator", {"apart": 1.0})
-    assert found is not None
-    column = found.columns[50:-50, :, 0].ravel()
-    consumed = (asked(time) - asked(time / (1.0 + drift)))[50:-50].ravel()
-    assert 1e-6 * (column @ consumed) / (column @ column) == pytest.approx(drift, rel=0.03)
-    assert clock.regressor(Site(late, "log", "timing"), "actuator", {"apart": 0.0}) is not None
-
-
-@given(st.integers(0, 2**32 - 1), st.sampled_from([("actuator", -1.0), ("link", 1.0), ("drive", -1.0)]))
-@settings(max_examples=10, deadline=None)
-def test_efforts_with_a_clock_of_their_own_are_found(seed: int, residual: tuple[str, float]) -> None:
-    """Efforts at t show what was at (t - T) / (1 + c): rate and age from what that changes in a residual."""
-    name, sign = residual
-    random, clock = np.random.default_rng(seed), CATALOGUE["clock_drift"]
-    drift, late = float(random.uniform(-1e-3, 1e-3)), float(random.uniform(-0.01, 0.01))
-    s = recording()
-    time = np.arange(1200) / 100.0
-    tones, phases = random.uniform(0.3, 2.0, (2, s.n)), random.uniform(0.0, 6.0, (2, s.n))
-
-    def given_at(t: np.ndarray) -> np.ndarray:
-        return np.asarray(np.sin(2.0 * np.pi * tones * t[:, None, None] + phases).sum(axis=1))
-
-    source = "motor" if name == "drive" else "joint_sensor"
-    late_one = at_rest(s, time, drive=np.zeros((time.size, s.n)), effort=given_at(time), effort_source=source)
-    found = clock.regressor(Site(late_one, "log", "timing"), name, {"apart": 2.0})
-    assert found is not None
-    changed = sign * (given_at((time - late) / (1.0 + drift)) - given_at(time))
-    columns = found.columns[50:-50].reshape(-1, 2)
-    numbers, *_ = np.linalg.lstsq(columns, changed[50:-50].ravel(), rcond=None)
-    values = clock.values(numbers, {"apart": 2.0}, Site(late_one, "log", "timing"))
-    assert values["ppm"] == pytest.approx(1e6 * drift, rel=0.05, abs=30.0)
-    assert values["T"] == pytest.approx(late, rel=0.05, abs=3e-4)
-    again, shape = clock.coefficients(values, Site(late_one, "log", "timing"))
-    np.testing.assert_allclose(again, numbers)
-    assert shape == {"apart": 2.0}
-
-
 def test_schema_and_docs_are_in_step_with_the_catalogue() -> None:
     behind = [str(path.relative_to(CHECKOUT)) for path in effects_tables.stale()]
     assert not behind, f"{behind} not up to date: run python -m docs.effects_tables"
