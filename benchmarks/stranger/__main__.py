@@ -36,7 +36,9 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=1000)
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument(
-        "--seeds", choices=["real", "second", "third", "fourth", "fifth", "sixth", "smoke"], default="real"
+        "--seeds",
+        choices=["real", "second", "third", "fourth", "fifth", "sixth", "seventh", "smoke"],
+        default="real",
     )
     args = parser.parse_args()
     answers = args.answers or args.out / "answers"

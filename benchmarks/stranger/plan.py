@@ -21,6 +21,7 @@ SALT = {
     "fourth": "the same stranger, three years later",
     "fifth": "the same stranger, four years later",
     "sixth": "the same stranger, five years later",
+    "seventh": "the same stranger, six years later",
     "smoke": "only to see that it is read",
 }
 
