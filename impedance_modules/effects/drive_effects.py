@@ -16,7 +16,7 @@ import numpy as np
 
 from impedance_modules.arrays import Array
 from impedance_modules.compiled import compiled
-from impedance_modules.effects.effect import Effect, Stepped, Values
+from impedance_modules.effects.effect import NEEDED, Effect, Stepped, Values
 from impedance_modules.effects.effect_description import Description, Parameter, Port, joint_parameter
 from impedance_modules.effects.joint_motion import CompiledTorque, JointMotion, Shape
 from impedance_modules.effects.plant_builder import PlantBuilder
@@ -47,6 +47,10 @@ class DriveLaw(Stepped):
         """Gives the torque (N, n) on which the effect acts; all of it unless said otherwise."""
         return drive
 
+    def by_load(self, port: Port, shape: Mapping[str, float]) -> dict[str, float] | None:
+        """At the same parameter: a limit that the motion's torque exceeds is none."""
+        return {**shape, NEEDED: 1.0}
+
     def stage(self, port: Port) -> Stage | None:
         """The drive."""
         return "drive"
@@ -58,6 +62,7 @@ class DriveLaw(Stepped):
             return None
         value = float(shape[self.symbol])
         known = signals.drive if signals.clean_drive is None or self.peaks else signals.clean_drive
+        known = signals.rigid if shape.get(NEEDED) else known
         asked = self.asked(signals, known)[:, site.joint]
         given, slope = self.given(asked, signals.time, value)
         lowest = self.description.parameter(self.symbol).lower - value

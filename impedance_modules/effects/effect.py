@@ -39,6 +39,9 @@ from impedance_modules.effects.residual_kinds import COVERS, STAGE_OF_PORT, Resi
 from impedance_modules.effects.simulator_numbers import Exported
 from impedance_modules.spec.robot_spec import EncoderSide, RobotSpec
 
+NEEDED = "needed"
+"""Shape: 1 where the torque that the links' motion needs stands in a command's place."""
+
 Values = Mapping[str, float]
 """An effect's parameters by symbol, in the units of its description."""
 
@@ -134,6 +137,10 @@ class Effect(ABC):
 
     def encoder_side(self, port: Port) -> EncoderSide | None:
         """Side of the joint on which it has the encoder sit at this port; None where it says nothing of it."""
+        return None
+
+    def by_load(self, port: Port, shape: Mapping[str, float]) -> dict[str, float] | None:
+        """Gives the shape in which what the motion needs stands in a command's place; None where nothing does."""
         return None
 
     def computed_from_command(self, port: Port) -> bool:

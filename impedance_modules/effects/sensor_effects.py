@@ -11,7 +11,7 @@ from impedance_modules.arrays import Array
 from impedance_modules.compiled import compiled
 from impedance_modules.effects.compensation_builder import CompensationBuilder, Diagnosed
 from impedance_modules.effects.drive_effects import LAGS, lagged
-from impedance_modules.effects.effect import Effect, JointLaw, Stepped, Values
+from impedance_modules.effects.effect import NEEDED, Effect, JointLaw, Stepped, Values
 from impedance_modules.effects.effect_description import Description, Parameter, Port, joint_parameter
 from impedance_modules.effects.joint_motion import Shape
 from impedance_modules.effects.plant_builder import PlantBuilder
@@ -120,6 +120,10 @@ class TorqueGain(Effect):
         """Made of the torque asked for, unless only the reading is wrong."""
         return port == "actuator"
 
+    def by_load(self, port: Port, shape: Mapping[str, float]) -> dict[str, float] | None:
+        """Of the motor's gain."""
+        return {NEEDED: 1.0} if port == "actuator" else None
+
     def stage(self, port: Port) -> Stage | None:
         """The drive; a sensor consumes nothing."""
         return "drive" if port == "actuator" else None
@@ -133,7 +137,7 @@ class TorqueGain(Effect):
         torque = site.signals.effort if site.port == "sensor" else site.signals.drive
         if torque is None:
             return None
-        own = torque[:, site.joint]
+        own = (site.signals.rigid if shape.get(NEEDED) else torque)[:, site.joint]
         if site.port == "sensor":
             sensed = EFFORT_SIGN[residual] * own
             return one_row(site.joint, sensed, lower=1.0 - GAIN_MAX, upper=1.0 - 1.0 / GAIN_MAX)

@@ -7,6 +7,7 @@ from pathlib import Path
 import jsonschema
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from impedance_modules.spec.schema import load_schema
 from tests.support.commands import invoke, refusal
@@ -124,6 +125,23 @@ def test_single_effect_is_named(tmp_path: Path, effect: str, joint: str, symbol:
 
 def test_clean_recordings_raise_no_alarm(tmp_path: Path) -> None:
     code, found = answer(tmp_path, record(tmp_path, "nothing"))
+    assert (code, found["verdict"], found["causes"]) == (0, "no_gap", [])
+
+
+@pytest.mark.parametrize("seed", [0, 2, pytest.param(3, marks=pytest.mark.long)])
+def test_what_a_sensor_does_not_show_of_a_commands_noise_is_no_lag(tmp_path: Path, seed: int) -> None:
+    """A controller answers its sensors' noise; the motor, or the logger, filters that. No motion was repeated."""
+    paths = []
+    for kind in range(3):
+        random = np.random.default_rng(10 * seed + kind)
+        t, q, v, a = motion(kind, 20.0)
+        tau = torque(q, v, a, mass=1.0)
+        asked = tau + lfilter([0.5], [1.0, -0.5], random.normal(scale=0.3, size=tau.shape), axis=0)
+        tau += random.normal(scale=0.02, size=tau.shape)
+        q = q + random.normal(scale=1e-5, size=q.shape)
+        columns = columns_of(t, JOINTS, position=q, effort=tau, effort_command=asked)
+        paths.append(save(tmp_path, f"run{kind}", columns))
+    code, found = answer(tmp_path, paths)
     assert (code, found["verdict"], found["causes"]) == (0, "no_gap", [])
 
 

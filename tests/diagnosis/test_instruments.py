@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,11 +13,15 @@ from hypothesis import strategies as st
 
 from impedance_modules.diagnosis.model_selection.instruments import (
     below,
+    beyond_fit,
     beyond_model,
     comes_back,
+    follows_load,
     holds_when_slow,
 )
 from impedance_modules.effects.catalogue import CATALOGUE
+from impedance_modules.effects.regressor import Site
+from tests.effects.test_effects_catalogue import recording
 
 SAMPLES, SLOW = 1500, 0.1
 MOTION = np.cumsum(np.sin(np.arange(SAMPLES) / 9.0)) / 9.0
@@ -39,7 +44,8 @@ def trial(*recordings: tuple[np.ndarray, np.ndarray], key: str = "viscous_fricti
         weights=np.ones(1),
         ids=[np.zeros(0, dtype=int)],
         rows=[[np.zeros((len(x), 0))] for x, _ in recordings],
-        whole=SimpleNamespace(coefficients=np.zeros(0)),
+        whole=SimpleNamespace(coefficients=np.zeros(0), inverse=np.zeros((0, 0))),
+        size=0,
         residuals=lambda coefficients, r: left[r],
     )
     candidate = SimpleNamespace(effect=CATALOGUE[key], port=port)
@@ -139,3 +145,54 @@ def test_below_keeps_slow_samples_and_takes_fast_ones() -> None:
     t = np.arange(2000)
     slow, fast = np.sin(2.0 * np.pi * 0.02 * t), np.sin(2.0 * np.pi * 0.3 * t)
     np.testing.assert_allclose(below(slow + fast, 0.1), slow, atol=1e-9)
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(0.2, 1.5), st.floats(0.2, 2.0))
+@settings(max_examples=40)
+def test_a_gain_must_show_where_the_motion_needs_torque(seed: int, carried: float, gain: float) -> None:
+    """A command u = carried load + noise n: a drive that gives (1 - g) u leaves g u; one that filters n leaves n."""
+    random = np.random.default_rng(seed)
+    noise = random.standard_normal(SAMPLES)
+    command, sensor = carried * MOTION + noise, 0.1 * random.standard_normal(SAMPLES)
+    load = trial((MOTION, MOTION)).term
+    assert follows_load(trial((command, gain * command + sensor)), load)
+    assert not follows_load(trial((command, noise + sensor)), load)
+
+
+def test_a_limit_that_the_motion_never_reaches_is_left_to_others() -> None:
+    """Where nothing of a candidate is made of the torque that is needed, that torque cannot tell."""
+    assert follows_load(
+        trial((MOTION, MOTION)), SimpleNamespace(columns=[{0: 0.0 * MOTION[:, None]}], fixed=[{}])
+    )
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(-2.0, 2.0))
+@settings(max_examples=20)
+def test_what_the_model_can_make_of_a_load_confirms_nothing(seed: int, share: float) -> None:
+    """Links may be heavier: only what is left of the needed torque beside them is an instrument."""
+    random = np.random.default_rng(seed)
+    own, link = random.standard_normal((2, SAMPLES))
+    one = trial((own, own))
+    model_fit = one.model_fit
+    model_fit.size, model_fit.ids, model_fit.rows = 1, [np.array([0])], [[link[:, None]]]
+    model_fit.whole = SimpleNamespace(coefficients=np.zeros(1), inverse=np.array([[1.0 / (link @ link)]]))
+    one.in_sample.beside = np.zeros(1)
+    (parts,) = beyond_fit(model_fit, trial((own + share * link, own)).term, one.in_sample.own).values()
+    assert parts[0] @ link == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("effect", "port"),
+    [("torque_gain", "actuator"), ("actuator_lag", "actuator"), ("command_delay", "timing"),
+     ("torque_saturation", "actuator")],
+)  # fmt: skip
+def test_what_is_made_of_a_command_is_made_of_the_needed_torque_as_well(effect: str, port: str) -> None:
+    """With the load in the command's place the column is that of a command which is the load."""
+    law, s = CATALOGUE[effect], recording()
+    site = Site(replace(s, drive=s.rigid, clean_drive=None, assistance=None), "port_lift", port)
+    (shape, *_) = law.shapes(site)
+    needed = law.by_load(port, shape)
+    other = Site(replace(site.signals, drive=s.rigid + 1.0), site.key, port)
+    own, same = law.regressor(site, "actuator", shape), law.regressor(other, "actuator", needed)
+    np.testing.assert_allclose(same.torque(np.array([0.1])), own.torque(np.array([0.1])))
+    assert law.by_load("sensor", shape) is None or effect != "torque_gain"

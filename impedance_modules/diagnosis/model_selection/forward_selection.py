@@ -23,6 +23,7 @@ from impedance_modules.diagnosis.model_selection.acceptance import (
 from impedance_modules.diagnosis.model_selection.backward_elimination import eliminate_backward, merge_delays
 from impedance_modules.diagnosis.model_selection.candidate_trial import CandidateTrial, refit, try_term
 from impedance_modules.diagnosis.model_selection.geared_start import geared_start_model
+from impedance_modules.diagnosis.model_selection.instruments import follows_load
 from impedance_modules.diagnosis.model_selection.plausibility import Plausibility
 from impedance_modules.diagnosis.model_selection.screening import Screening
 from impedance_modules.diagnosis.regression.design_matrix import ColumnLayout, Design
@@ -151,7 +152,17 @@ class Selector:
         """Why a candidate is rejected beside some generic regressors; None if it passes."""
         if self._removals[trial.term.key] >= REMOVALS_MAX:
             return "does not last beside the others: it was accepted and removed again twice"
-        return rejection_reason(trial, generic) or self.plausibility.implausible(trial)
+        reason = rejection_reason(trial, generic) or self.plausibility.implausible(trial)
+        if reason is None and not self._follows_load(trial):
+            return "where the motion needs torque it does not show: its column is a command's noise"
+        return reason
+
+    def _follows_load(self, trial: CandidateTrial) -> bool:
+        """Whether what is made of a command is confirmed by the torque that the motion needs."""
+        term = trial.term
+        shape = term.candidate.effect.by_load(term.candidate.port, term.shaped.shape)
+        load = None if shape is None else self.refiner.term(term.candidate, shape, term.layout)
+        return load is None or follows_load(trial, load)
 
     def generic(self, model_fit: ModelFit) -> list[CandidateTrial]:
         """The best generic regressors beside a model, tried once."""

@@ -8,9 +8,10 @@ and in which that noise is not (Reiersol 1941; Janot, Vandanjon & Gautier 2014 f
 
     \beta_z = \sum z \cdot y / \sum z \cdot x
 
-y what the model leaves of white rows, x the candidate's part that the model cannot make by itself. Two are at hand: x
-of a repeat, for the other recording of the same motion, whose noise differs; and the slow half of x, as the motion is
-slow, and noise that is differentiated is fast. Either must confirm half of the coefficient at least.
+y what the model leaves of white rows, x the candidate's part that the model cannot make by itself. Three are at hand: x
+of a repeat, for the other recording of the same motion, whose noise differs; the slow half of x, as the motion is
+slow, and noise that is differentiated is fast; and of a command the torque that the motion needs. Each must confirm
+half of the coefficient at least.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import numpy as np
 
 from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.model_selection.candidate_trial import CandidateTrial
+from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm
 
 CONFIRMED_MIN = 0.5
 """Least part of its coefficient that an instrument confirms: more than half belongs to the motion."""
@@ -82,6 +84,46 @@ def holds_when_slow(trial: CandidateTrial, end: float) -> bool:
         return True
     # In units of the whole's coefficient.
     return _confirmed(slow / power[1] * power[0] / whole, power[0] / whole / np.sqrt(power[1]))
+
+
+def follows_load(trial: CandidateTrial, load: ModelTerm) -> bool:
+    """Whether a candidate has about its coefficient where the motion needs torque; true where nothing of it is needed.
+
+    A command that hardly carries a load is mostly the controller's answer to noise, which the residual has, too; and
+    what a drive does with that noise between two samples of a recording no model here says.
+
+    Args:
+        trial: The candidate, made of a command.
+        load: The same, made of the torque that the motion needs; scaled like the candidate.
+    """
+    whole, needed, own, common = np.zeros(4)
+    instrument = beyond_fit(trial.model_fit, load, trial.in_sample.own)
+    for recording, parts in instrument.items():
+        for group, (x, y) in beyond_model(trial, recording).items():
+            if group not in parts:
+                continue
+            weight, z = trial.model_fit.weights[group], parts[group]
+            whole, own = whole + weight * float(x @ y), own + weight * float(x @ x)
+            needed, common = needed + weight * float(z @ y), common + weight * float(z @ x)
+    # In units of the whole's coefficient.
+    return bool(common == 0.0 or whole <= 0.0 or needed / common * own / whole >= CONFIRMED_MIN)
+
+
+def beyond_fit(model_fit: ModelFit, term: ModelTerm, coefficients: Array) -> dict[int, dict[int, Array]]:
+    """What a term with some coefficients adds that a model cannot make; recording -> group -> (M,)."""
+    made = {
+        r: {g: block @ coefficients + term.fixed[r].get(g, 0.0) for g, block in term.columns[r].items()}
+        for r in model_fit.fitted
+    }
+    cross = np.zeros(model_fit.size)
+    for r, parts in made.items():
+        for g, values in parts.items():
+            cross[model_fit.ids[g]] += model_fit.weights[g] * (model_fit.rows[r][g].T @ values)
+    same = model_fit.whole.inverse @ cross
+    return {
+        r: {g: values - model_fit.rows[r][g] @ same[model_fit.ids[g]] for g, values in parts.items()}
+        for r, parts in made.items()
+    }
 
 
 def _confirmed(found: float, spread: float) -> bool:
