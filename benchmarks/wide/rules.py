@@ -81,7 +81,10 @@ ACCEPTANCE = (
     _check("comes-back", "what is explained comes back in a repeat", "plausibility:comes_back", True),
     _check("slow", "the slow half of a motion confirms a coefficient", "plausibility:holds_when_slow", True),
     _check(
-        "load", "what is made of a command shows where torque is needed", "forward_selection:follows_load", True
+        "load",
+        "what is made of a command shows where torque is needed",
+        "forward_selection:follows_load",
+        True,
     ),
     _check(
         "nuisance",

@@ -112,7 +112,7 @@ def added(fitted: float, held_out: float, *, fixed: bool) -> Evidence:
 
 @pytest.mark.parametrize("fixed", [True, False])
 def test_a_limit_that_no_held_out_recording_reaches_is_weighed_by_all(fixed: bool) -> None:
-    """A motor gave 2.7 N.m at most: 99.9 % of the gap, and none in the recording held out."""
+    """A motor gave 2.7 N.m at most: 95 % of the gap, and none in the recording held out."""
     found, notes = weighed_where_they_act(added(30.0, 0.01, fixed=fixed))
     assert found.judges == (1, 2, 0)
     assert notes == ("weighed by all recordings, since the held-out ones hardly show it: limit on elbow",)
@@ -212,7 +212,7 @@ def test_numbers_are_judged_together_in_whatever_units(seed: int, size: int, len
     random = np.random.default_rng(seed)
     root = random.standard_normal((size, size)) + 3.0 * np.eye(size)
     direction = random.standard_normal(size)
-    bound = np.sqrt(chi2.ppf(0.999, size))
+    bound = np.sqrt(chi2.ppf(0.95, size))
     coefficients = root @ (length * bound * direction / np.linalg.norm(direction))
     units = 10.0 ** random.uniform(-4.0, 4.0, size)
     if abs(length - 1.0) < 1e-6:
@@ -223,9 +223,9 @@ def test_numbers_are_judged_together_in_whatever_units(seed: int, size: int, len
 
 
 def test_a_direction_that_nothing_tells_does_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two numbers that move together are one: 99.9 % of one number, not of two."""
+    """Two numbers that move together are one: 95 % of one number, not of two."""
     together = np.array([[1.0, 1.0], [1.0, 1.0]])
-    bound = np.sqrt(chi2.ppf(0.999, 1))
+    bound = np.sqrt(chi2.ppf(0.95, 1))
     assert fitted(1.01 * bound * np.ones(2), together, monkeypatch)
     assert not fitted(0.99 * bound * np.ones(2), together, monkeypatch)
     assert fitted(np.zeros(0), np.zeros((0, 0)), monkeypatch)

@@ -189,14 +189,14 @@ def test_the_flexible_model_uses_simple_candidates_of_one_joint() -> None:
 
 @pytest.mark.parametrize(
     ("parameters", "replaces", "value", "sure", "kept"),
-    [(1, False, 1.34, False, True), (1, False, 1.32, True, False), (1, False, 0.66, False, True),
-     (1, False, 0.68, True, False), (2, False, 1.0, True, True), (2, False, 5.0, False, False),
+    [(1, False, 1.20, False, True), (1, False, 1.19, True, False), (1, False, 0.80, False, True),
+     (1, False, 0.81, True, False), (2, False, 1.0, True, True), (2, False, 5.0, False, False),
      (1, True, 1.0, False, False), (1, True, 1.0, True, True)],
 )  # fmt: skip
 def test_a_single_number_must_differ_from_no_effect(
     monkeypatch, parameters, replaces, value, sure, kept
 ) -> None:
-    """By 3.29 standard deviations, of 0.1 here; no effect is 1. Several numbers are judged together, and so is one that
+    """By 1.96 standard deviations, of 0.1 here; no effect is 1. Several numbers are judged together, and so is one that
     replaces the model's own, which is no fixed value."""
     described = SimpleNamespace(parameters=[SimpleNamespace(neutral=1.0)] * parameters)
     one = SimpleNamespace(
@@ -218,6 +218,29 @@ def test_a_number_that_replaces_another_must_differ_from_it(
     one = SimpleNamespace(candidate=SimpleNamespace(effect=CATALOGUE[name]))
     model_fit = SimpleNamespace(model=[one])
     assert cause_search.significant_terms(model_fit, None) == ([one] if certain else [])
+
+
+@pytest.mark.parametrize(("mass", "gain", "left"), [(3.0, 5.0, "gain"), (5.0, 3.0, "mass")])
+def test_of_two_uncertain_causes_the_one_that_gains_less_goes_first(
+    monkeypatch: pytest.MonkeyPatch, mass: float, gain: float, left: str
+) -> None:
+    """They explain the same: beside each other both are uncertain, and one alone is certain."""
+    terms = [SimpleNamespace(name="mass", gain=mass), SimpleNamespace(name="gain", gain=gain)]
+    selector = SimpleNamespace(
+        model_fit=lambda model: SimpleNamespace(model=list(model)),
+        design=SimpleNamespace(groups=()),
+        refiner=None,
+    )
+    monkeypatch.setattr(cause_search, "try_term", lambda rest, term: term)
+    monkeypatch.setattr(cause_search, "negligible", lambda prepared, groups: None)
+    monkeypatch.setattr(cause_search, "above_negligible", lambda model_fit, plain, least: model_fit.model)
+    monkeypatch.setattr(
+        cause_search,
+        "significant_terms",
+        lambda model_fit, refiner: model_fit.model if len(model_fit.model) == 1 else [],
+    )
+    found = cause_search._tested(selector, terms, None, ())
+    assert [term.name for term in found.model] == [left]
 
 
 @pytest.mark.parametrize(

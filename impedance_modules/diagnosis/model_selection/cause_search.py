@@ -11,11 +11,11 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.folds import DataSplit
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
+from impedance_modules.diagnosis.model_selection.candidate_trial import try_term
 from impedance_modules.diagnosis.model_selection.evidence import Evidence, above_negligible, negligible
 from impedance_modules.diagnosis.model_selection.external_pushes import ExternalPush
 from impedance_modules.diagnosis.model_selection.forward_selection import Selection, Selector
@@ -43,12 +43,7 @@ from impedance_modules.diagnosis.regression.noise_floor import (
     repeat_pairs,
 )
 from impedance_modules.diagnosis.regression.nuisance_columns import NuisanceColumns, build_nuisance
-from impedance_modules.diagnosis.regression.parameter_estimates import (
-    CHANCE,
-    UnwhitenedFit,
-    beyond_chance,
-    estimates,
-)
+from impedance_modules.diagnosis.regression.parameter_estimates import UnwhitenedFit, beyond_chance, estimates
 from impedance_modules.diagnosis.regression.sensor_noise import read_noise
 from impedance_modules.diagnosis.regression.shape_refinement import ShapeRefiner
 from impedance_modules.diagnosis.regression.whitening import Whitening
@@ -231,17 +226,33 @@ def _tested(
     plain: UnwhitenedFit,
     prepared: Sequence[Prepared],
 ) -> ModelFit:
-    """Fits the causes that pass both tests of significance, again without the others until all of them do."""
+    """Fits the causes that pass both tests of significance, again without the others until all of them do.
+
+    Of those whose numbers may be chance the one that gains least goes first: a mass and a gain that explain the same
+    are both uncertain, and one of them alone is not.
+    """
     model_fit = selector.model_fit(causes)
     while True:
-        tests = (
-            above_negligible(model_fit, plain, negligible(prepared, selector.design.groups)),
-            significant_terms(model_fit, selector.refiner),
-        )
-        model = [term for term in model_fit.model if all(term in kept for kept in tests)]
-        if len(model) == len(model_fit.model):
+        seen = above_negligible(model_fit, plain, negligible(prepared, selector.design.groups))
+        if len(seen) < len(model_fit.model):
+            model_fit = selector.model_fit(seen)
+            continue
+        certain = significant_terms(model_fit, selector.refiner)
+        gains = {
+            id(term): _gain_beside(selector, model_fit, term)
+            for term in model_fit.model
+            if term not in certain
+        }
+        if not gains:
             return model_fit
-        model_fit = selector.model_fit(model)
+        least = min(gains, key=gains.__getitem__)
+        model_fit = selector.model_fit([term for term in model_fit.model if id(term) != least])
+
+
+def _gain_beside(selector: Selector, model_fit: ModelFit, term: ModelTerm) -> float:
+    """What a term gains beside the others of a model [nats]."""
+    rest = selector.model_fit([other for other in model_fit.model if other is not term])
+    return try_term(rest, term).gain
 
 
 def significant_terms(model_fit: ModelFit, refiner: ShapeRefiner) -> list[ModelTerm]:
@@ -258,7 +269,7 @@ def _significant(model_fit: ModelFit, refiner: ShapeRefiner, index: int, term: M
         return beyond_chance(model_fit, refiner, index)
     neutral = effect.description.parameters[0].neutral
     (found,) = estimates(model_fit, refiner, index, prismatic=False).values()
-    return (found.value - neutral) ** 2 > float(chi2.ppf(1.0 - CHANCE, 1)) * found.std**2
+    return abs(found.value - neutral) > SIGMA * found.std
 
 
 def _floor(

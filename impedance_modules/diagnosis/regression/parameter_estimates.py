@@ -31,10 +31,7 @@ ALLOWED = 1.45
 """Power over noise that a model passes with (see `lack_of_fit`): its numbers' variances are as much larger."""
 
 CONFIDENCE = 0.95
-"""With which what makes a law more than a simpler one must differ from none."""
-
-CHANCE = 0.001
-"""Probability that numbers of an effect that is not there pass as a cause's: fifty candidates and more are searched."""
+"""With which a cause's numbers must differ from none."""
 
 RANK = 1e-9
 """Directions of a covariance with less than this part of the largest are none."""
@@ -131,7 +128,7 @@ def estimates(
 def beyond_chance(model_fit: ModelFit, refiner: ShapeRefiner, index: int) -> bool:
     r"""Whether the numbers of a term are surely not those of no effect, by the errors that they are printed with.
 
-        c^T C^{-1} c > \chi^2_{99.9 \%}(rank of C)      c counted from where the effect is none
+        c^T C^{-1} c > \chi^2_{95 \%}(rank of C)      c counted from where the effect is none
 
     A law that filters the command also fits the command's noise; and what a model leaves is no white noise, so that
     a gain of likelihood alone is too easily had. True for a term that is there without coefficients.
@@ -140,7 +137,7 @@ def beyond_chance(model_fit: ModelFit, refiner: ShapeRefiner, index: int) -> boo
     if term.shaped.size == 0:
         return True
     found = term.candidate.effect.from_none(model_fit.of(index), term.shaped.shape)
-    return _differs(found, _own_covariance(model_fit, refiner, index), 1.0 - CHANCE)
+    return _differs(found, _own_covariance(model_fit, refiner, index))
 
 
 def beyond_simpler(model_fit: ModelFit, refiner: ShapeRefiner, index: int) -> bool:
@@ -157,7 +154,7 @@ def beyond_simpler(model_fit: ModelFit, refiner: ShapeRefiner, index: int) -> bo
         return True
     L = np.array(rows)
     found = np.clip(model_fit.of(index), term.shaped.lower, term.shaped.upper)
-    return _differs(L @ found, L @ _own_covariance(model_fit, refiner, index) @ L.T, CONFIDENCE)
+    return _differs(L @ found, L @ _own_covariance(model_fit, refiner, index) @ L.T)
 
 
 def _own_covariance(model_fit: ModelFit, refiner: ShapeRefiner, index: int) -> Array:
@@ -167,14 +164,14 @@ def _own_covariance(model_fit: ModelFit, refiner: ShapeRefiner, index: int) -> A
     return _covariance(model_fit, refiner, index, symbols)[: term.shaped.size, : term.shaped.size]
 
 
-def _differs(values: Array, covariance: Array, confidence: float) -> bool:
+def _differs(values: Array, covariance: Array) -> bool:
     """Whether values (p,) with a covariance (p, p) are surely not all zero."""
     # In units of each value's own error: inertias have very different ones.
     spread = np.sqrt(np.clip(np.diag(covariance), np.finfo(float).tiny, None))
     parts, axes = np.linalg.eigh(covariance / np.outer(spread, spread))
     known = parts > RANK * parts[-1]
     along = (axes[:, known].T @ (values / spread)) ** 2 / parts[known]
-    return float(along.sum()) > float(chi2.ppf(confidence, int(known.sum())))
+    return float(along.sum()) > float(chi2.ppf(CONFIDENCE, int(known.sum())))
 
 
 def _slopes(values: Callable[[Array], dict[str, float]], point: Array, roots: Array) -> dict[str, Array]:
