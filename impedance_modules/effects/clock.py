@@ -86,6 +86,10 @@ class ClockDrift(Effect):
         """Where velocities are compared, accelerations used, or commands laid beside readings."""
         return residual == "velocity" or uses_motion(residual) or "drive" in COVERS[residual]
 
+    def computed_from_command(self, port: Port) -> bool:
+        """Of readings with a clock of their own, by the commands that belong to them."""
+        return True
+
     def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
         """What is off at the shape's rate and age, and what changes per millionth and per second beyond them."""
         stream, symbols = round(float(shape[APART])), ("ppm", "T")

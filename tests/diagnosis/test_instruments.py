@@ -102,6 +102,7 @@ def test_nothing_speaks_against_a_cause_that_nothing_shows(pairs: list[tuple[int
     ("key", "port", "free"),
     [
         ("command_delay", "timing", True),
+        ("clock_drift", "timing", True),
         ("torque_gain", "actuator", True),
         ("torque_gain", "sensor", False),
         ("viscous_friction", "link", False),
