@@ -8,6 +8,7 @@ from none with 95 % confidence, by the errors that they are printed with.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -238,15 +239,11 @@ def _tested(
             model_fit = selector.model_fit(seen)
             continue
         certain = significant_terms(model_fit, selector.refiner)
-        gains = {
-            id(term): _gain_beside(selector, model_fit, term)
-            for term in model_fit.model
-            if term not in certain
-        }
-        if not gains:
+        unsure = [term for term in model_fit.model if term not in certain]
+        if not unsure:
             return model_fit
-        least = min(gains, key=gains.__getitem__)
-        model_fit = selector.model_fit([term for term in model_fit.model if id(term) != least])
+        least = min(unsure, key=partial(_gain_beside, selector, model_fit))
+        model_fit = selector.model_fit([term for term in model_fit.model if term is not least])
 
 
 def _gain_beside(selector: Selector, model_fit: ModelFit, term: ModelTerm) -> float:
