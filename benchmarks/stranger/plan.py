@@ -22,6 +22,7 @@ SALT = {
     "fifth": "the same stranger, four years later",
     "sixth": "the same stranger, five years later",
     "seventh": "the same stranger, six years later",
+    "eighth": "the same stranger, seven years later",
     "smoke": "only to see that it is read",
 }
 
