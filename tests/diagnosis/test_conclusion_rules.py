@@ -17,6 +17,7 @@ from impedance_modules.diagnosis.model_selection.lack_of_fit import LackOfFit, R
 from impedance_modules.diagnosis.model_selection.push_forces import (
     Forces,
     PushPlace,
+    felt_directions,
     hat_functions,
     steady_gain,
 )
@@ -321,9 +322,16 @@ def test_what_a_model_leaves_elsewhere_asks_for_more_of_a_push(elsewhere: float,
 
 
 def push(
-    recording: int = 0, start: float = 1.0, end: float = 2.0, force=(4.0, 0.0, 0.0), gain: float = 90.0
+    recording: int = 0,
+    start: float = 1.0,
+    end: float = 2.0,
+    force=(4.0, 0.0, 0.0),
+    gain: float = 90.0,
+    felt: int = 3,
 ) -> ExternalPush:
-    return ExternalPush(recording, PushPlace("fore"), start, end, np.array(force), np.ones(3), gain)
+    return ExternalPush(
+        recording, PushPlace("fore"), start, end, np.array(force), np.ones(3), np.eye(3)[:felt], gain
+    )
 
 
 def recordings(*groups: str) -> list[SimpleNamespace]:
@@ -349,6 +357,10 @@ def test_what_a_repeat_shows_too_is_no_push() -> None:
         not seen(there(4.0), 2) and not seen(there(4.0, ~inside), 1) and not seen(there(4.0, body="upper"), 1)
     )
     assert not external_pushes._in_a_repeat(push(), items, {0: there(4.0)})
+    # A force across the directions that the joints feel is no difference.
+    across = forces(force=np.where(inside, [4.0, 0.0, 900.0], 0.0))
+    assert not seen(across, 1)
+    assert external_pushes._in_a_repeat(push(felt=2), items, {0: forces(), 1: across})
     # The tips at both ends of a push belong to it.
     ends = np.isclose(tips, 1.0)[:, None] | np.isclose(tips, 2.0)[:, None]
     strong = there(4.0 * inside.sum() / ends.sum(), ends)
@@ -371,7 +383,26 @@ def test_the_strongest_push_on_a_link_is_described() -> None:
     assert (found.effect, found.weight, found.joints, found.port) == ("external_contact", 0.3, (), "contact")
     notes = external_pushes.push_notes(pushes[::-1], recordings("a", "b"))
     assert notes[0].startswith("run0: pushed from outside, 1.00 to 2.00 s, with 4 N on fore")
-    assert notes[1].startswith("run1: pushed from outside, 0.50 to 2.00 s, with 9.3 N on fore")
+    assert notes[1].startswith("run1: pushed from outside, 0.50 to 2.00 s, with 9.3 N on fore; ")
+    (note,) = external_pushes.push_notes([push(felt=2)], recordings("a"))
+    assert "4 N on fore, along (1.00, 0.00, 0.00) and (0.00, 1.00, 0.00) in base axes" in note
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_joints_with_parallel_axes_feel_no_force_along_them(seed: int) -> None:
+    """Whatever the base's orientation; and a force that is certain is felt, however uncertain beside the others."""
+    random = np.random.default_rng(seed)
+    axes = np.linalg.qr(random.normal(size=(3, 3)))[0]
+    spread = np.array([0.05, 0.3, 400.0])
+    covariance = axes @ np.diag(spread**2) @ axes.T
+    force = axes @ np.array([0.3, 0.1, 30.0])
+    felt = felt_directions(force, covariance)
+    assert len(felt) == 2
+    assert felt @ felt.T == pytest.approx(np.eye(2), abs=1e-9)
+    assert felt @ axes[:, 2] == pytest.approx([0.0, 0.0], abs=1e-9)
+    assert felt.T @ felt @ force == pytest.approx(axes[:, :2] @ [0.3, 0.1])
+    assert len(felt_directions(axes @ np.array([0.3, 0.1, 900.0]), covariance)) == 3
+    assert len(felt_directions(np.zeros(3), np.eye(3))) == 3
 
 
 @pytest.mark.parametrize("known", [False, True])
@@ -521,12 +552,14 @@ def test_whitened_excess_is_what_rows_leave_beyond_their_number() -> None:
 
 def test_the_share_of_pushes_is_the_power_beyond_noise_where_they_are() -> None:
     left = np.array([3.0, 1.0, 1.0, 1.0])
+    quiet = np.array([0.5, 0.1, 0.1, 0.1])  # than its floor, but where it is pushed
     own = SimpleNamespace(
         prepared=[None],
-        plain=SimpleNamespace(left=lambda fit, recording: [left]),
+        design=SimpleNamespace(groups=(("link", 0), ("velocity", 0))),
+        plain=SimpleNamespace(left=lambda fit, recording: [left, quiet]),
         calibrated=None,
-        floor=SimpleNamespace(rms=np.array([[0.5]])),
-        heldout_noise=np.array([2.0]),
+        floor=SimpleNamespace(rms=np.array([[0.5, 0.5]])),
+        heldout_noise=np.array([2.0, 2.0]),
         counted=lambda recording, group: np.array([False, True, True, True]),
         _pushed=lambda recording, group: np.array([True, False, False, False]),
         pushes=(push(),),

@@ -150,7 +150,14 @@ def number(value: float, std: float) -> Estimate:
         (a_cause(fv=number(1.0, 0.0)), 1000.0),
         (a_cause(fv=number(1.0, float("inf"))), 0.0),
         (a_cause(fv=number(0.0, 0.0)), 0.0),
-        (a_cause("external_contact", fx=number(6.0, 2.0), start=number(5.0, 0.01)), 3.0),
+        # A push is felt along no axis alone: by its gain, half of a chi-square.
+        (
+            replace(
+                a_cause("external_contact", fx=number(6.0, 400.0), start=number(5.0, 0.01)),
+                standing=Standing(4.5, 0.0),
+            ),
+            3.0,
+        ),
         (a_cause(), 0.0),
     ],
 )

@@ -113,17 +113,22 @@ class Evidence:
 
     @cached_property
     def pushed_share(self) -> float:
-        """Part of the excess power of all recordings, with the nuisance fitted, that comes from pushes; 0 without."""
+        """Part of the excess power of all recordings, with the nuisance fitted, that comes from pushes; 0 without.
+
+        A residual that is quieter than its noise floor, which may be taken from others, has no excess, and takes none
+        from the other residuals.
+        """
         if not self.pushes:
             return 0.0
-        inside, total = 0.0, 0.0
+        inside, outside = np.zeros((2, len(self.design.groups)))
         for r in range(len(self.prepared)):
             for g, values in enumerate(self.plain.left(self.calibrated, r)):
                 power = (values**2 - self.floor.rms[r, g] ** 2) / self.heldout_noise[g] ** 2
                 pushed = self._pushed(r, g)
-                inside += float(power[pushed].sum())
-                total += float(power[pushed | self.counted(r, g)].sum())
-        return float(np.clip(inside / total, 0.0, 1.0)) if total > 0.0 else 0.0
+                inside[g] += float(power[pushed].sum())
+                outside[g] += float(power[self.counted(r, g) & ~pushed].sum())
+        pushes, others = (float(np.clip(part, 0.0, None).sum()) for part in (inside, outside))
+        return pushes / (pushes + others) if pushes > 0.0 else 0.0
 
     def excess(self, model_fit: ModelFit | None) -> float:
         """Held-out residual power beyond the noise, over all groups, each in units of its own noise; None: nominal."""

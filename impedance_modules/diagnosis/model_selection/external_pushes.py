@@ -28,6 +28,7 @@ from impedance_modules.diagnosis.model_selection.push_forces import (
     Forces,
     PushPlace,
     chi_square_of,
+    felt_directions,
     fit_forces,
     free_torques,
     hat_functions,
@@ -91,8 +92,9 @@ class ExternalPush:
         recording: Index.
         place: Of the force.
         start, end: Since the recording began [s].
-        force: (3,) mean over the interval, base axes [N].
+        force: (3,) mean over the interval within the felt directions, base axes [N].
         std: (3,) of it.
+        felt: (k, 3) directions in which a force shows on the joints, orthonormal.
         gain: Chi-square that it explains beyond its degrees of freedom.
     """
 
@@ -102,6 +104,7 @@ class ExternalPush:
     end: float
     force: Array
     std: Array
+    felt: Array
     gain: float
 
 
@@ -218,9 +221,17 @@ def push_notes(pushes: Sequence[ExternalPush], prepared: Sequence[Prepared]) -> 
     """Says of each push in which recording it is, when, where and how large."""
     return tuple(
         f"{prepared[push.recording].log.name}: pushed from outside, {push.start:.2f} to {push.end:.2f} s, with"
-        f" {np.linalg.norm(push.force):.2g} N on {push.place}; these rows are left out"
+        f" {np.linalg.norm(push.force):.2g} N on {push.place}{_felt_along(push)}; these rows are left out"
         for push in sorted(pushes, key=lambda push: (push.recording, push.start))
     )
+
+
+def _felt_along(push: ExternalPush) -> str:
+    """Says in which directions the joints feel a force, where there are some in which they do not."""
+    if len(push.felt) == 3:
+        return ""
+    directions = " and ".join("({:.2f}, {:.2f}, {:.2f})".format(*direction) for direction in push.felt)
+    return f", along {directions} in base axes, since the recording says nothing of a force across"
 
 
 def _not_significant(
@@ -272,14 +283,17 @@ def _push(forces: Forces, item: Prepared, r: int, run: tuple[int, int], gain: fl
     first, last = run
     tips, _ = hat_functions(item, item.samples)
     mean = np.repeat(np.eye(3)[None] / (last - first), last - first, axis=0).transpose(1, 0, 2).reshape(3, -1)
-    part = forces.covariance[3 * first : 3 * last, 3 * first : 3 * last]
+    covariance = mean @ forces.covariance[3 * first : 3 * last, 3 * first : 3 * last] @ mean.T
+    force = forces.force[first:last].mean(axis=0)
+    felt = felt_directions(force, covariance)
     return ExternalPush(
         recording=r,
         place=forces.place,
         start=float(tips[first] - SPACING),
         end=float(tips[last - 1] + SPACING),
-        force=forces.force[first:last].mean(axis=0),
-        std=np.sqrt(np.diag(mean @ part @ mean.T)),
+        force=felt.T @ felt @ force,
+        std=np.sqrt(np.diag(covariance)),
+        felt=felt,
         gain=float(gain),
     )
 
@@ -311,7 +325,7 @@ def _in_a_repeat(push: ExternalPush, prepared: Sequence[Prepared], found: Mappin
         tips, _ = hat_functions(prepared[other], prepared[other].samples)
         inside = (tips >= push.start) & (tips <= push.end)
         if inside.any():
-            there = forces.force[inside].mean(axis=0)
+            there = push.felt.T @ push.felt @ forces.force[inside].mean(axis=0)
             if np.linalg.norm(there - push.force) < REPEATED_MAX * np.linalg.norm(push.force):
                 return True
     return False

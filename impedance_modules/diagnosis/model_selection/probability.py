@@ -185,12 +185,10 @@ def grounds_of(cause: Cause, found: Diagnosis, others: int, *, repeats: bool) ->
 def deviations(cause: Cause) -> float:
     """Standard deviations by which the surest number differs from no effect; of several carriers, where least."""
     effect = CATALOGUE[cause.effect]
-    # When a push begins and ends says nothing about whether there was one.
-    neutral = {
-        parameter.symbol: parameter.neutral
-        for parameter in effect.description.parameters
-        if not (effect.bound_to_recording and parameter.unit == "s")
-    }
+    if effect.bound_to_recording:
+        # The joints may feel a push along none of its axes alone: its force counts as one.
+        return min(math.sqrt(2.0 * max(cause.standing.gain, 0.0)), LIMITS["deviations"][1])
+    neutral = {parameter.symbol: parameter.neutral for parameter in effect.description.parameters}
     each = [
         [_apart(e, neutral[symbol]) for symbol, e in symbols.items() if symbol in neutral]
         for symbols in cause.parameters.values()

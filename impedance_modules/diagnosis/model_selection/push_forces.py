@@ -27,6 +27,9 @@ SPACING = 0.25
 APART = 0.02
 """Distance of two places beyond which a force on one differs from the same force on the other [m]."""
 
+UNFELT = 10.0
+"""Ratio of a force's deviation along a direction to that along the surest one, beyond which it may be unfelt."""
+
 ROUNDS = 6
 """How often sizes and direction of a force are fitted in turn."""
 
@@ -137,6 +140,22 @@ def steady_gain(forces: Forces, first: int, last: int) -> float:
         direction = np.linalg.lstsq(across.T @ precision @ across, across.T @ right, rcond=None)[0]
         direction = direction / np.linalg.norm(direction)
     return explained - size - 2.0
+
+
+def felt_directions(force: Array, covariance: Array) -> Array:
+    """Directions (k, 3) in which a force shows on the joints, orthonormal, the surest first.
+
+    Joints with parallel axes feel nothing along them. A direction is not felt if the force along it may be none and is
+    far less certain than in the surest direction.
+
+    Args:
+        force: (3,) [N].
+        covariance: (3, 3) of it.
+    """
+    variances, axes = np.linalg.eigh(covariance)
+    deviations = np.sqrt(variances)
+    unknown = (np.abs(axes.T @ force) < deviations) & (deviations > UNFELT * deviations[0])
+    return np.asarray(axes.T[~unknown])
 
 
 def touched_places(item: Prepared) -> tuple[PushPlace, ...]:
