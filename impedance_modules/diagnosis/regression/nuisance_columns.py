@@ -4,6 +4,8 @@ r"""What every recording may be wrong by without that being a finding: small err
 - each link's ten inertial parameters (\pm 3 %), and, of the weights that the robot compensates, \pm 3 %;
 - the instant in a period at which commands, efforts and velocities are stamped (\pm a fifth, a tenth, a quarter of a
   sample: a driver that differentiates backwards is half a sample late, an engine's half step is a part of it);
+- the second order of the filter of reported velocities, of which the time constant T of one pole is known
+  (\pm T^2 / 2: two equal poles of the same lag have 1/4 T^2 less than one, a Butterworth filter 1/2 T^2);
 - the age of the positions from which the robot computes the weight that it adds by itself (\pm 3 ms);
 - what the grid of a torque reading does to a torque of a few steps, once (\pm 1): it returns in every repeat;
 - when, between two rows, a torque jumped (\pm half a row, of each joint): see `jumped_torques`.
@@ -40,6 +42,9 @@ READING_PRIOR = 0.1
 
 SPEED_PRIOR = 0.25
 """Likewise of the reported velocities."""
+
+FILTER_PRIOR = 0.5
+"""Standard deviation of the second order of the velocities' filter, over the square of its time constant."""
 
 GRID_PRIOR = 1.0
 """Standard deviation of what the grid of an effort adds, over what it would add to the torque as it is known."""
@@ -187,6 +192,11 @@ def _kinds(first: Prepared, prior: Array) -> tuple[_Kind, ...]:
             first.signals.n,
             lambda group: group[0] != "velocity",
             lambda item, group: JUMP_PRIOR * _of_own_joint(jump_column(item, group), item, group),
+        ),
+        _Kind(
+            1,
+            lambda group: group[0] == "velocity",
+            lambda item, group: FILTER_PRIOR * item.filter_nuisance[:, [group[1]]],
         ),
     )
 
