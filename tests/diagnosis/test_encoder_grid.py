@@ -172,26 +172,29 @@ def test_a_torque_that_is_switched_is_on_no_grid():
     assert not torque_steps_of(recordings, ["a", "b"]).any()
 
 
-@pytest.mark.parametrize(
-    ("source", "asked", "rounded"),
-    [("motor", True, "drive"), ("motor", False, "needed"), ("joint_sensor", True, "links")],
-)
-def test_a_motors_reading_is_rounded_where_its_command_was(source: str, asked: bool, rounded: str) -> None:
-    """A model that is off by a fraction of a step rounds elsewhere; the command does not."""
-    random = np.random.default_rng(3)
-    links, rotor, off = random.normal(size=(3, 400, 2)) * np.array([1.0, 0.2])
-    torques = {"drive": links + 0.1 * rotor + 0.05 * off, "needed": links + 0.1 * rotor, "links": links}
-    signals = SimpleNamespace(drive=torques["drive"] if asked else None, motor_acceleration=rotor)
-    log = SimpleNamespace(
-        effort_source=source, effort_steps=np.array([0.5, 0.25]), effort_dither=np.full(2, DITHER)
-    )
-    model = SimpleNamespace(reflected_inertia=np.full(2, 0.1))
-    found = _grid_errors(log, model, signals, links)
-    np.testing.assert_allclose(found, mean_rounding(torques[rounded], log.effort_steps, log.effort_dither))
-    # What a sensor with little noise reads is where the grid says, and the residual of the drive holds just that.
-    read = log.effort_steps * np.round(torques["drive"] / log.effort_steps)
-    if rounded == "drive":
-        assert np.corrcoef((torques["drive"] - read).ravel(), found.ravel())[0, 1] < -0.6
+@pytest.mark.parametrize("source", ["motor", "joint_sensor"])
+@pytest.mark.parametrize("asked", [True, False])
+@pytest.mark.parametrize("wrong", ["model", "drive"])
+def test_a_reading_is_rounded_where_what_is_nearer_to_it_says(source: str, asked: bool, wrong: str) -> None:
+    """A model without the load that is carried, or a command beside friction, rounds elsewhere than the sensor."""
+    random, inertia = np.random.default_rng(3), 0.1
+    true, acceleration, off = random.normal(size=(3, 400, 2)) * np.array([1.0, 0.2])
+    rotor = inertia * acceleration
+    links = true + (0.3 * off if wrong == "model" else 0.01 * off)
+    drive = true + rotor + (0.3 * off if wrong == "drive" else 0.01 * off)
+    sensed = true + rotor if source == "motor" else true
+    steps = np.array([0.5, 0.25])
+    read = steps * np.round(sensed / steps)
+    signals = SimpleNamespace(drive=drive if asked else None, motor_acceleration=acceleration, effort=read)
+    log = SimpleNamespace(effort_source=source, effort_steps=steps, effort_dither=np.full(2, DITHER))
+    found = _grid_errors(log, SimpleNamespace(reflected_inertia=np.full(2, inertia)), signals, links)
+    by_command = drive if source == "motor" else drive - rotor
+    by_model = links + rotor if source == "motor" else links
+    best = by_command if asked and wrong == "model" else by_model
+    np.testing.assert_allclose(found, mean_rounding(best, log.effort_steps, log.effort_dither))
+    if wrong == ("model" if asked else "drive"):
+        # What a sensor with little noise adds is where the grid says.
+        assert np.corrcoef((read - sensed).ravel(), found.ravel())[0, 1] > 0.6
 
 
 @pytest.mark.parametrize("step", [0.05, 0.2])

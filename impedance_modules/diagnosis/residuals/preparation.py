@@ -62,6 +62,7 @@ class Prepared:
         timing_nuisance: (M, n) change of the residual per second of additional command delay.
         reading_nuisance: (M, n) change of the effort per second that its readings are early.
         assistance_nuisance: (M, n) change of what the robot adds by itself per second that its own reading is early.
+        filter_nuisance: (M, n) T^2 d^2 v / dt^2, the second order of the velocities' filter [rad/s].
         grid_nuisance: (M, n) what the grid of an effort would add to the torque asked for, or needed [N.m].
         command_jumps, effort_jumps: (N, n) jumps of torques, whose instant between two rows is unknown [N.m].
         time, position, velocity, acceleration, load: (M,) or (M, n) for regimes and ranges.
@@ -77,6 +78,7 @@ class Prepared:
     timing_nuisance: Array
     reading_nuisance: Array
     assistance_nuisance: Array
+    filter_nuisance: Array
     grid_nuisance: Array
     command_jumps: Array
     effort_jumps: Array
@@ -137,6 +139,9 @@ def prepare(
         assistance_nuisance=band.condense(
             signals.rate_of(0.0 * q if signals.assistance is None else signals.assistance)
         ),
+        filter_nuisance=band.condense(
+            model.velocity_filter**2 * signals.rate_of(differentiate(signals.encoder_velocity, time))
+        ),
         grid_nuisance=band.condense(_grid_errors(log, model, calm, regressor @ model.tree.inertia)),
         command_jumps=jumps[0],
         effort_jumps=jumps[1],
@@ -165,10 +170,11 @@ def _link_position(log: Log, model: NominalModel, band: Band, time: Array, readi
 
 
 def _grid_errors(log: Log, model: NominalModel, signals: Signals, torque: Array) -> Array:
-    """What the efforts' grids would add to the torque at the sensor, (N, n): as asked for, else as the model needs it.
+    """What the efforts' grids would add to the torque at the sensor, (N, n): as asked for, or as the model needs it.
 
-    A motor's command is nearer to its torque than any model: a fraction of a step decides what is rounded where. So
-    the motion's noise has no place in what the model needs: it is often larger than a step.
+    A fraction of a step decides what is rounded where, so of each joint the one is taken that is nearer to its reading:
+    the command, if the drive follows it; what the links need, if nothing but them is moved. The motion's noise has no
+    place in what the model needs: it is often larger than a step.
 
     Args:
         log: With the grids.
@@ -176,13 +182,15 @@ def _grid_errors(log: Log, model: NominalModel, signals: Signals, torque: Array)
         signals: The motion, without the noise of its accelerations.
         torque: (N, n) that the links need for it [N.m].
     """
-    if log.effort_steps is None or log.effort_dither is None:
+    if log.effort_steps is None or log.effort_dither is None or signals.effort is None:
         return np.zeros_like(torque)
-    sensed = torque
-    if log.effort_source == "motor" and signals.drive is not None:
-        sensed = signals.drive
-    elif log.effort_source == "motor":
-        sensed = torque + signals.motor_acceleration * model.reflected_inertia
+    rotor = signals.motor_acceleration * model.reflected_inertia
+    at_motor = log.effort_source == "motor"
+    sensed = torque + rotor if at_motor else torque
+    if signals.drive is not None:
+        asked = signals.drive if at_motor else signals.drive - rotor
+        off = [np.mean((signals.effort - one) ** 2, axis=0) for one in (asked, sensed)]
+        sensed = np.where(off[0] < off[1], asked, sensed)
     return mean_rounding(sensed, log.effort_steps, log.effort_dither)
 
 
