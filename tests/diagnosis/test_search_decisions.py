@@ -181,7 +181,7 @@ def test_what_other_causes_hold_is_no_rival(monkeypatch: pytest.MonkeyPatch) -> 
         screen=SimpleNamespace(rank=lambda model_fit: layouts),
         trial=lambda model_fit, layout: SimpleNamespace(term=layout.term),
         refined=lambda model_fit, trials: trials,
-        plausibility=SimpleNamespace(unphysical=lambda rival: None),
+        unphysical=lambda rival: None,
     )
     found = rivals.judge_rivals(selector, [cause, other], cause, lambda fit: 0.0)
     assert found.equal == (("equal", "elbow"),)
@@ -189,6 +189,15 @@ def test_what_other_causes_hold_is_no_rival(monkeypatch: pytest.MonkeyPatch) -> 
     assert found.lost == (("worse", "elbow"), ("larger", "elbow"))
     assert found.standing == Standing(100.0, 70.0)
     assert set(asked) == {3.0 * rivals.DECIDED}
+
+
+@pytest.mark.parametrize("undecided", [False, True])
+def test_a_rival_that_cannot_be_is_none_unless_nothing_about_it_is_seen(monkeypatch, undecided: bool) -> None:
+    monkeypatch.setattr(rivals, "_equal", lambda own, rival, lead, decided: True)
+    monkeypatch.setattr(rivals, "_open", lambda rival, own: undecided)
+    selector = SimpleNamespace(unphysical=lambda rival: f"{rival} is a command's noise")
+    reason = rivals._lost(selector, "cause", "lag", lambda rival: 0.0, 5.0)
+    assert reason == (None if undecided else "lag is a command's noise")
 
 
 @pytest.mark.parametrize(("together", "alone", "found"), [(0.2, 1.0, 3), (0.2, 0.5, 0), (0.4, 2.0, 0)])

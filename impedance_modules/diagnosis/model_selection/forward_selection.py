@@ -152,10 +152,21 @@ class Selector:
         """Why a candidate is rejected beside some generic regressors; None if it passes."""
         if self._removals[trial.term.key] >= REMOVALS_MAX:
             return "does not last beside the others: it was accepted and removed again twice"
-        reason = rejection_reason(trial, generic) or self.plausibility.implausible(trial)
-        if reason is None and not self._follows_load(trial):
-            return "where the motion needs torque it does not show: its column is a command's noise"
-        return reason
+        return (
+            rejection_reason(trial, generic)
+            or self.plausibility.implausible(trial)
+            or self._refused_by_load(trial)
+        )
+
+    def unphysical(self, trial: CandidateTrial) -> str | None:
+        """Why a candidate cannot be, however well it fits; None where it can."""
+        return self.plausibility.unphysical(trial) or self._refused_by_load(trial)
+
+    def _refused_by_load(self, trial: CandidateTrial) -> str | None:
+        """Why the torque that the motion needs does not confirm a candidate; None where it does."""
+        if self._follows_load(trial):
+            return None
+        return "where the motion needs torque it does not show: its column is a command's noise"
 
     def _follows_load(self, trial: CandidateTrial) -> bool:
         """Whether what is made of a command is confirmed by the torque that the motion needs."""

@@ -139,7 +139,7 @@ def _lost(
     """Why a rival lost; None where it cannot be told from the cause."""
     if not _equal(own, rival, lead, decided):
         return _reason(own, rival)
-    return None if _open(rival, own) else selector.plausibility.unphysical(rival)
+    return None if _open(rival, own) else selector.unphysical(rival)
 
 
 def _equal(own: CandidateTrial, rival: CandidateTrial, lead: Lead, decided: float) -> bool:
