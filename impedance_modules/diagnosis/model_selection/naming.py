@@ -13,12 +13,15 @@ import numpy as np
 
 from impedance_modules.diagnosis.model_selection.cause_search import significant_terms
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
-from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm
+from impedance_modules.diagnosis.regression.model_fit import PRIOR_MAX, ModelFit, ModelTerm
 from impedance_modules.diagnosis.result import Cause
 
 HELD_OUT_MIN = 0.1
 """Part of the held-out squares, where a cause acts, that it must remove: twice what it had to of the others. Of 178
 causes of simulated cases 32 were below it, 3 of them true (docs/wide-benchmark-history.md)."""
+
+TAKEN_UP = PRIOR_MAX**2
+"""Squares of deviations that links, weights and stamps would take up in a cause's place, from which it is needed."""
 
 SILENT = 0.1
 """Power over the noise's below which the held-out recordings do not show a cause."""
@@ -70,8 +73,22 @@ def held_out_part(evidence: Evidence, term: ModelTerm) -> float:
     def squares(fit: ModelFit) -> float:
         return float(fit.squares(fit.whole.coefficients, evidence.judges)[groups].sum())
 
-    without = squares(evidence.selector.model_fit([other for other in model_fit.model if other is not term]))
+    without = squares(_fit_without(evidence, term))
     return 1.0 - squares(model_fit) / without if without > 0.0 else 0.0
+
+
+def taken_up_without(evidence: Evidence, term: ModelTerm) -> float:
+    """By how much links, weights and stamps are further off without a term: sum of squares, in their deviations."""
+    size = evidence.design.nuisance.size
+    within, without = (
+        float(np.sum(fit.whole.coefficients[:size] ** 2))
+        for fit in (evidence.model_fit, _fit_without(evidence, term))
+    )
+    return without - within
+
+
+def _fit_without(evidence: Evidence, term: ModelTerm) -> ModelFit:
+    return evidence.selector.model_fit([other for other in evidence.model_fit.model if other is not term])
 
 
 def weighed_where_they_act(evidence: Evidence) -> tuple[Evidence, tuple[str, ...]]:
@@ -113,15 +130,19 @@ def _added_power(model_fit: ModelFit, term: ModelTerm, recordings: Sequence[int]
 def without_unconfirmed(evidence: Evidence) -> tuple[Evidence, tuple[str, ...]]:
     """Leaves out the terms that the held-out recordings do not need, one after the other, the least first.
 
-    Of two that explain the same, one stays. Beside pushes that make all of the gap no term is needed.
+    Of two that explain the same, one stays. What links, weights and stamps explain in a term's place as well is needed
+    all the same if they would have to be further off than is likely. Beside pushes that make all of the gap no term
+    is needed.
 
     Returns:
         The evidence with the others fitted again, and a sentence for each that was left out.
     """
     notes: list[str] = []
     while evidence.model_fit.model:
-        parts = [(term, held_out_part(evidence, term)) for term in evidence.model_fit.model]
-        term, least = min(parts, key=lambda item: item[1])
+        term, least = min(
+            ((term, _needed_part(evidence, term)) for term in evidence.model_fit.model),
+            key=lambda item: item[1],
+        )
         if least >= HELD_OUT_MIN and evidence.pushed_share < 1.0:
             break
         where = (
@@ -130,6 +151,15 @@ def without_unconfirmed(evidence: Evidence) -> tuple[Evidence, tuple[str, ...]]:
         notes.append(f"not named: {term.candidate.name}: {where}")
         evidence = _without(evidence, [term])
     return evidence, tuple(notes)
+
+
+def _needed_part(evidence: Evidence, term: ModelTerm) -> float:
+    """Part of the held-out squares that needs a term; all of them where priors hold only beside it, and none is worse.
+
+    A term that makes the held-out recordings worse is not needed, whatever it spares the links.
+    """
+    part = held_out_part(evidence, term)
+    return 1.0 if 0.0 <= part < HELD_OUT_MIN and taken_up_without(evidence, term) > TAKEN_UP else part
 
 
 def without_weightless(evidence: Evidence) -> tuple[Evidence, tuple[str, ...]]:
