@@ -123,7 +123,7 @@ def twice_differentiated(position, rate):
 def test_accelerations_above_their_noise_are_the_motions(rate, seed, noise):
     """Nothing is left of a joint at rest, and of noise no more than the motion is worth; what moves is whole."""
     true, read = noisy_motion(rate, seed, noise)
-    found = above_noise(read, twice_differentiated(read, rate))
+    found = above_noise(read, twice_differentiated(read, rate), rate)
     wrong, motion = found - twice_differentiated(true, rate), twice_differentiated(true, rate)
     inner = slice(len(read) // 20, -(len(read) // 20))
     assert np.abs(found[inner, 2]).max() < 1e-2 * np.abs(twice_differentiated(read, rate)[inner, 2]).max()
@@ -133,7 +133,25 @@ def test_accelerations_above_their_noise_are_the_motions(rate, seed, noise):
 def test_accelerations_without_noise_stay_as_they_are():
     true, _ = noisy_motion(200.0, 5, 0.0)
     a = twice_differentiated(true, 200.0)
-    assert np.abs(above_noise(true, a) - a)[50:-50].max() < 1e-3 * np.abs(a).max()
+    assert np.abs(above_noise(true, a, 200.0) - a)[50:-50].max() < 1e-3 * np.abs(a).max()
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("rate", [100.0, 250.0])
+def test_a_short_motion_does_not_ring_through_the_rest_of_a_recording(rate: float, seed: int) -> None:
+    """Half a second of 5 Hz in 20 s: a steep filter would let it ring for many seconds before and after."""
+    random = np.random.default_rng(seed)
+    time, at = np.arange(0.0, 20.0, 1.0 / rate), random.uniform(6.0, 14.0)
+    inside = np.exp(-0.5 * ((time - at) / 0.15) ** 2)
+    slow = 0.3 * np.sin(2.0 * np.pi * 0.2 * time)
+    true = (slow + 0.01 * inside * np.sin(2.0 * np.pi * 5.0 * time))[:, None]
+    read = true + 3e-5 * random.standard_normal(true.shape)
+    found = above_noise(read, twice_differentiated(read, rate), rate)
+    wrong = (found - twice_differentiated(true, rate))[:, 0]
+    largest = np.abs(twice_differentiated(true, rate)).max()
+    assert np.std(wrong[np.abs(time - at) < 0.3]) < 0.2 * largest
+    far = (np.abs(time - at) > 2.0) & (time > 1.0) & (time < 19.0)
+    assert np.std(wrong[far]) < 0.015 * largest
 
 
 @settings(max_examples=25, deadline=None)
@@ -141,7 +159,7 @@ def test_accelerations_without_noise_stay_as_they_are():
 def test_the_ends_of_a_recording_are_not_rounded_off(seed, noise):
     """What a filter makes of a kink at the ends would be a twentieth of the acceleration there."""
     true, read = noisy_motion(100.0, seed, noise)
-    wrong = above_noise(read, twice_differentiated(read, 100.0)) - twice_differentiated(true, 100.0)
+    wrong = above_noise(read, twice_differentiated(read, 100.0), 100.0) - twice_differentiated(true, 100.0)
     for end in (slice(13, 100), slice(-100, -13)):
         assert np.std(wrong[end, :2]) < 0.03 * np.abs(twice_differentiated(true, 100.0)).max()
 

@@ -16,7 +16,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.polynomial.polynomial import polyfit
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
+from scipy.ndimage import convolve1d, maximum_filter1d, uniform_filter1d
 from scipy.signal import butter, firwin, kaiser_beta, oaconvolve, sosfiltfilt
 from scipy.sparse import csr_array
 
@@ -51,6 +51,9 @@ thinning filtered away."""
 
 NOISE_EXCESS = 10.0
 """Times its noise beyond which a position's power is motion: a tenth of the noise is left at most."""
+
+EDGE = 1.0
+"""Width over which the gain of accelerations falls beyond the motion [Hz]: it rings for about a second."""
 
 BINS = 5
 """Neighbouring frequencies over which that power is averaged."""
@@ -238,25 +241,35 @@ def deflection_cutoffs(log: Log) -> Array:
     return DEFLECTION_FLAT * np.array(ends)
 
 
-def above_noise(position: Array, acceleration: Array) -> Array:
+def above_noise(position: Array, acceleration: Array, rate: float) -> Array:
     r"""Leaves of accelerations what is motion, at each frequency as far as positions stand out of their white noise.
 
         G(f) = max(0, 1 - 10 N / P(f)),      P the positions' power, N its level beyond the motion
 
+    The gain falls over `EDGE` beyond the motion: a steep filter would make each jerk ring, long before and after it.
     The residual is made of the same accelerations. Columns that share their noise fit it: of links whose inertia
     hardly shows, least squares find one that makes the noise smaller.
 
     Args:
         position: (N, n) as read [rad].
         acceleration: (N, n) [rad/s^2].
+        rate: Of both [Hz].
     """
     power, frequency = periodogram(position), np.asarray(np.fft.rfftfreq(len(position)), dtype=float)
     level = uniform_filter1d(power, BINS, axis=0)
     gain = np.maximum(1.0 - NOISE_EXCESS * _white_level(power, frequency) / np.maximum(level, 1e-300), 0.0)
     # What is slower than the motion's strongest frequency is kept whole: the mean is not in the power.
     slow = np.arange(len(frequency))[:, None] < np.argmax(level, axis=0)
-    gain = np.where(slow, np.max(gain, axis=0), gain)
+    gain = _soft_edges(np.where(slow, np.max(gain, axis=0), gain), EDGE * len(position) / rate)
     return np.column_stack([_passed(*pair, frequency) for pair in zip(acceleration.T, gain.T, strict=True)])
+
+
+def _soft_edges(gain: Array, width: float) -> Array:
+    """A gain (F, n) that is nowhere less, and falls over so many frequencies."""
+    half = max(1, round(0.5 * width))
+    kernel = np.hanning(2 * half + 3)[1:-1]
+    wide = maximum_filter1d(gain, 2 * half + 1, axis=0)
+    return np.asarray(convolve1d(wide, kernel / kernel.sum(), axis=0, mode="nearest"))
 
 
 def _passed(values: Array, gain: Array, frequency: Array) -> Array:

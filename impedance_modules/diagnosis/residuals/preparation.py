@@ -110,7 +110,7 @@ def prepare(
     q = _link_position(log, model, band, time, reading)
     v = differentiate(q, time)
     a = differentiate(v, time)
-    a_clean = above_noise(log.position, a)
+    a_clean = above_noise(log.position, a, log.rate)
     weight = gravity_regressor(model.tree, reading)  # the robot knows its readings only
     signals = _signals(log, model, rigid, band, (time, q, v, a, a_clean), weight @ model.tree.inertia)
     regressor = inertial_regressor(model.tree, q, v, a_clean)
