@@ -147,11 +147,14 @@ class ShapeRefiner:
         return min(physical, key=_loss, default=model_fit)
 
     def _better(self, best: ModelFit) -> ModelFit | None:
-        """The first of some steps of the last term's shape that leaves less within bounds; None where none does."""
+        """The first of some steps of the last term's shape that leaves less within bounds; None where none does.
+
+        A whole step may lead where the shape is none; a part of it may not.
+        """
         for part in PARTS:
             moved = self._step(best, part)
             if moved is None:
-                return None
+                continue
             better = ModelFit(best.design, best.folds, [*best.model[:-1], moved])
             leaves = _out_of_bounds(better) and not _out_of_bounds(best)
             if not leaves and _loss(better) < _loss(best) - 1e-3:
