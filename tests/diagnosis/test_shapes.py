@@ -88,6 +88,32 @@ def test_a_refined_ripple_still_runs_through_two_of_its_periods(
     assert refiner._step(model_fit, 1.0) == (pytest.approx(wanted) if moves else None)
 
 
+@pytest.mark.parametrize("whole", [True, False])
+def test_where_a_whole_step_leads_out_of_what_a_shape_may_be_a_part_of_it_is_tried(
+    whole: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A ripple of 2.06 periods stayed at the order of its grid: a whole step towards it went below two periods."""
+    monkeypatch.setattr(
+        shape_refinement, "ModelFit", lambda design, folds, model: SimpleNamespace(model=model)
+    )
+    monkeypatch.setattr(shape_refinement, "_out_of_bounds", lambda fit: False)
+    monkeypatch.setattr(shape_refinement, "_loss", lambda fit: abs(fit.model[-1] - 21.0))
+    refiner = ShapeRefiner.__new__(ShapeRefiner)
+    tried: list[float] = []
+
+    def step(fit: Any, part: float) -> float | None:
+        tried.append(part)
+        return None if part == 1.0 and not whole else 24.0 - 10.0 / 3.0 * part
+
+    monkeypatch.setattr(refiner, "_step", step)
+    start = SimpleNamespace(design=None, folds=None, model=[24.0])
+    better = refiner._better(start)
+    assert better is not None and better.model == [pytest.approx(24.0 - 10.0 / 3.0 * tried[-1])]
+    assert tried == ([1.0] if whole else [1.0, 0.3])
+    monkeypatch.setattr(refiner, "_step", lambda fit, part: None)
+    assert refiner._better(start) is None
+
+
 def test_friction_that_fades_slower_than_recordings_last_never_falls_below_zero(tmp_path: Path) -> None:
     """In 8 s of 30 s only the slope is certain, with which any longer time leads to a motor."""
     robot = robot_folder(tmp_path)
