@@ -16,6 +16,7 @@ from impedance_modules.diagnosis.model_selection.acceptance import (
     promising,
     rejection_reason,
 )
+from impedance_modules.diagnosis.model_selection.candidate_trial import CandidateTrial
 from impedance_modules.effects.catalogue import CATALOGUE
 
 
@@ -53,6 +54,19 @@ def trial(
     known_numbers = {**good, **numbers}
     gains = np.array([known_numbers["gain"], 0.0])
     return SimpleNamespace(term=term, model_fit=model_fit, reach=reach, unseen_gains=gains, **known_numbers)
+
+
+def test_what_a_candidate_does_to_a_recording_is_counted_where_it_acts() -> None:
+    """Two motions apart, links that are fitted to one say little of the other, on any joint."""
+    unseen = {0: [np.full(4, 1.0), np.full(4, 9.0)], 1: [np.full(4, 2.0), np.full(4, 9.0)]}
+    model_fit = SimpleNamespace(
+        folds=((0,), (1,)),
+        unseen_squares=np.array([[40.0, 10.0], [20.0, 10.0]]),
+        weights=np.array([1.0, 0.5]),
+    )
+    term = SimpleNamespace(groups=(0,))
+    found = CandidateTrial(model_fit, term, np.zeros((2, 1)), unseen, SimpleNamespace())
+    assert found.folds == pytest.approx([0.5 * (40.0 - 4.0), 0.5 * (20.0 - 16.0)])
 
 
 PENALTY = 0.5 * np.log(1000.0)

@@ -84,9 +84,10 @@ class CandidateTrial:
 
     @cached_property
     def folds(self) -> Array:
-        """(folds,) weighted gain on each fold."""
+        """(folds,) weighted gain on each fold, in the groups that the candidate touches."""
         without, with_it = self._sums
-        return np.asarray(0.5 * ((without - with_it) * self.model_fit.weights).sum(axis=1))
+        own = list(self.term.groups)
+        return np.asarray(0.5 * ((without - with_it) * self.model_fit.weights)[:, own].sum(axis=1))
 
     @cached_property
     def reduction(self) -> float:
