@@ -94,7 +94,7 @@ def test_what_a_trial_says_of_unseen_recordings_follows_from_the_squares_it_leav
     assert trial.powers == pytest.approx(gone.sum(axis=0), rel=1e-5, abs=1e-5)
     assert trial.reach == pytest.approx(gone.sum(), rel=1e-6)
     assert trial.reach_on([2]) == pytest.approx(gone[:, 2].sum(), rel=1e-6)
-    assert trial.folds == pytest.approx(0.5 * gone @ w, rel=1e-6)
+    assert trial.folds == pytest.approx(0.5 * gone[:, [1, 2]] @ w[[1, 2]], rel=1e-6)
     parts = 1.0 - after.sum(axis=0) / before.sum(axis=0)
     assert trial.reduction == pytest.approx(max(parts[1], parts[2]), rel=1e-6)
     assert trial.narrow == pytest.approx((gone.sum(axis=0) * w).max() / (gone.sum(axis=0) @ w), rel=1e-6)
@@ -239,7 +239,7 @@ def test_screening_leaves_out_what_the_model_holds_and_what_equals_it() -> None:
 def with_held_out(y: tuple, design: Any, *names: Any) -> Evidence:
     """Evidence of some candidates for rows, of which the last recording is held out."""
     other = replace(design, y=y, raw=y)
-    make = SimpleNamespace(model_fit=lambda model: fitted(other, *model), simplest=list)
+    make = SimpleNamespace(design=other, model_fit=lambda model: fitted(other, *model), simplest=list)
     terms = [term_of(other, name) for name in names]
     return Evidence(make, (len(y) - 1,), (), make.model_fit(terms), None, None, None)
 
