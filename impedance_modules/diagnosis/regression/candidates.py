@@ -34,8 +34,9 @@ Thin = NDArray[np.float32]
 Group = tuple[Residual, int]
 """One residual of one joint: the rows that share a noise level."""
 
-PERIODS_MIN = 2.0
-"""Fewest periods that a periodic effect must run through in the recordings."""
+PERIODS_MIN = 1.25
+"""Fewest periods that a periodic effect must run through in the recordings: three numbers follow less of a wave as they
+follow any smooth curve."""
 
 WAITING = 4_000_000
 """Values that are collected to be filtered together."""
