@@ -154,7 +154,7 @@ def without_unconfirmed(evidence: Evidence) -> tuple[Evidence, tuple[str, ...]]:
 
 
 def _needed_part(evidence: Evidence, term: ModelTerm) -> float:
-    """Part of the held-out squares that needs a term; all of them where priors hold only beside it, and none is worse.
+    """Part of the held-out squares that needs a term, or one where links, weights and stamps hold only beside it.
 
     A term that makes the held-out recordings worse is not needed, whatever it spares the links.
     """

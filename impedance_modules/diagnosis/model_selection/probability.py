@@ -183,7 +183,10 @@ def grounds_of(cause: Cause, found: Diagnosis, others: int, *, repeats: bool) ->
 
 
 def deviations(cause: Cause) -> float:
-    """Standard deviations by which the surest number differs from no effect; of several carriers, where least."""
+    """Standard deviations by which the surest number differs from no effect; of several carriers, where least.
+
+    Of a push those of its whole force, sqrt(2 gain).
+    """
     effect = CATALOGUE[cause.effect]
     if effect.bound_to_recording:
         # The joints may feel a push along none of its axes alone: its force counts as one.

@@ -35,8 +35,8 @@ Group = tuple[Residual, int]
 """One residual of one joint: the rows that share a noise level."""
 
 PERIODS_MIN = 1.25
-"""Fewest periods that a periodic effect must run through in the recordings: three numbers follow less of a wave as they
-follow any smooth curve."""
+"""Fewest periods that a periodic effect must run through in the recordings: over less, three numbers follow any smooth
+curve."""
 
 WAITING = 4_000_000
 """Values that are collected to be filtered together."""

@@ -140,7 +140,7 @@ def prepare(
             signals.rate_of(0.0 * q if signals.assistance is None else signals.assistance)
         ),
         filter_nuisance=band.condense(
-            model.velocity_filter**2 * signals.rate_of(differentiate(signals.encoder_velocity, time))
+            model.velocity_filter**2 * signals.rate_of(signals.rate_of(signals.encoder_velocity))
         ),
         grid_nuisance=band.condense(_grid_errors(log, model, calm, regressor @ model.tree.inertia)),
         command_jumps=jumps[0],
