@@ -37,7 +37,18 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument(
         "--seeds",
-        choices=["real", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "smoke"],
+        choices=[
+            "real",
+            "second",
+            "third",
+            "fourth",
+            "fifth",
+            "sixth",
+            "seventh",
+            "eighth",
+            "ninth",
+            "smoke",
+        ],
         default="real",
     )
     args = parser.parse_args()

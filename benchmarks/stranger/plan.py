@@ -23,6 +23,7 @@ SALT = {
     "sixth": "the same stranger, five years later",
     "seventh": "the same stranger, six years later",
     "eighth": "the same stranger, seven years later",
+    "ninth": "the same stranger, eight years later",
     "smoke": "only to see that it is read",
 }
 

@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from impedance_modules.effects import (
     bodies,
     clock,
+    controller_gain,
     drive_effects,
     external_contact,
     hysteresis,
@@ -52,7 +53,7 @@ _EFFECTS: tuple[Effect, ...] = (
     sensor_effects.VelocityFilterLag(),
     clock.ClockDrift(),
     external_contact.ExternalContact(),
-    drive_effects.ControllerGain(),
+    controller_gain.ControllerGain(),
     transmission_coupling.TransmissionCoupling(),
     surface_effects.SurfaceHeight(),
     surface_effects.SurfaceStiffness(),

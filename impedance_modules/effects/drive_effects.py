@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-r"""The drive, from the torque asked for to the motor's: delayed, lagging, limited, or with wrong controller gains.
+r"""The drive, from the torque asked for to the motor's: delayed, lagging or limited.
 
 With u asked for and y(u) given, the joint consumes u - y(u) in the drive. Near a guess p of the parameter the
 regression is fixed = u - y(u; p), column = -dy/dp: its coefficient is the step of a Gauss-Newton iteration.
@@ -10,21 +10,18 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 
 from impedance_modules.arrays import Array
-from impedance_modules.compiled import compiled
-from impedance_modules.effects.effect import NEEDED, Effect, Stepped, Values
+from impedance_modules.effects.effect import NEEDED, Stepped, Values
 from impedance_modules.effects.effect_description import Description, Parameter, Port, joint_parameter
-from impedance_modules.effects.joint_motion import CompiledTorque, JointMotion, Shape
+from impedance_modules.effects.joint_motion import Shape
 from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.recorded_signals import Signals, differentiate
 from impedance_modules.effects.regressor import Regressor, Site, one_row
 from impedance_modules.effects.residual_kinds import Residual, Stage
-from impedance_modules.effects.simulator_numbers import Exported, one_number
-from impedance_modules.records import Record, Vector
+from impedance_modules.effects.simulator_numbers import one_number
 from impedance_modules.spec.robot_spec import RobotSpec
 
 
@@ -235,91 +232,3 @@ def lagged(values: Array, time: Array, constant: float, start: float | None = No
     for i in range(steps.size):
         out[i + 1] = state = keep[i] * state + push[i]
     return out
-
-
-class ControllerGain(Effect):
-    """Torque from the tracking error beyond the controller's stated one."""
-
-    description = Description(
-        id="controller_gain",
-        sentence="The drive's position loop is stiffer or softer than stated: it adds torque from the tracking error.",
-        equation="motor torque = u + dkp (q_cmd - q) + dkd (v_cmd - v)",
-        parameters=(
-            joint_parameter("dkp", "N.m/rad", "stiffness beyond the stated one"),
-            joint_parameter(
-                "dkd", "N.m.s/rad", "damping beyond the stated one", left_out="the stated one is right"
-            ),
-        ),
-        ports=("actuator",),
-        places={"actuator": "drive"},
-        signature="follows the tracking error, not the motion",
-        confusable_with=("viscous_friction", "reflected_inertia", "parallel_spring"),
-        excitation="two sets of gains, with the position command recorded",
-        reference="Isaac Sim system identification (stiffness and damping gains)",
-        applied="The plant: at the motor, from the joint motion that its driver aims at (Plant.aim).",
-    )
-    exported = (
-        Exported(
-            "servo gains", "K_p = dkp, K_d = dkd", lambda values: (values["dkp"], values.get("dkd", 0.0))
-        ),
-    )
-    not_compensated = (
-        "it belongs to the drives' own position loop, which a run does not use (valid: a patch without it)"
-    )
-
-    def computed_from_command(self, port: Port) -> bool:
-        """Made of the motion asked for."""
-        return True
-
-    def proportional_to_command(self, port: Port) -> bool:
-        """In proportion to the tracking error."""
-        return True
-
-    def stage(self, port: Port) -> Stage | None:
-        """The drive."""
-        return "drive"
-
-    def in_residual(self, site: Site, residual: Residual, shape: Shape) -> Regressor | None:
-        """Minus the tracking error and its rate."""
-        signals, joint = site.signals, site.joint
-        if signals.position_command is None:
-            return None
-        aim = signals.position_command[:, joint]
-        error = aim - signals.position[:, joint]
-        rate = signals.rate_of(aim) - signals.velocity[:, joint]
-        return one_row(joint, -np.stack([error, rate], axis=1), lower=-np.inf)
-
-    def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
-        """Closes a loop around joints."""
-        stiffness, damping = np.zeros(builder.model.n), np.zeros(builder.model.n)
-        joints = builder.joints(parameters)
-        stiffness[joints] = [values["dkp"] for values in parameters.values()]
-        damping[joints] = [values.get("dkd", 0.0) for values in parameters.values()]
-        builder.torques.append(TrackingTorque(stiffness, damping))
-
-
-class TrackingState(Record):
-    """A loop around joints: dkp and dkd, (n,) each [N.m/rad], [N.m.s/rad]."""
-
-    stiffness: Vector
-    damping: Vector
-
-
-@compiled
-def add_tracking_torque(gains: TrackingState, motion: JointMotion, torque: Vector) -> None:
-    """Adds dkp (q_cmd - q) + dkd (v_cmd - v) [N.m]."""
-    for i in range(torque.size):
-        error = motion.position_command[i] - motion.position[i]
-        rate = motion.velocity_command[i] - motion.velocity[i]
-        torque[i] += gains.stiffness[i] * error + gains.damping[i] * rate
-
-
-class TrackingTorque(CompiledTorque):
-    """Torque from the plant's own tracking error."""
-
-    port: Literal["motor", "link"] = "motor"
-    law = add_tracking_torque
-
-    def __init__(self, stiffness: Array, damping: Array) -> None:
-        """Takes (n,) each [N.m/rad], [N.m.s/rad]."""
-        self.state = TrackingState(stiffness=stiffness, damping=damping)

@@ -250,6 +250,10 @@ class Effect(ABC):
         parameter = self.description.parameter(symbol)
         return min(max(value, parameter.lower), parameter.upper)
 
+    def contradicted(self, values: Values, sites: Sequence[Site]) -> str | None:
+        """Says why numbers cannot be, as recordings show at the candidate's place; None where they can."""
+        return None
+
     def is_outside(self, shape: Shape, site: Site) -> bool:
         """Whether what was found in a recording is not of the robot, as that robot's maker would know it."""
         return False

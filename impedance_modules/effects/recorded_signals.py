@@ -79,6 +79,7 @@ class Signals:
         effort: As measured [N.m]; None if not recorded.
         drive: Torque asked of the motor: the command plus what the robot adds by itself [N.m], or None.
         position_command: [rad], or None.
+        aimed: ``position_command`` with the tracking error that follows from the commanded motion alone, or None.
         reflected_inertia, motor_damping: (n,) nominal I_r [kg.m^2] and D [N.m.s/rad].
         spring_compliance: (n,) nominal 1 / K_sea [rad/(N.m)], 0 for a rigid joint.
         effort_source: ``joint_sensor``: between gear and link; ``motor``: before rotor inertia and friction.
@@ -124,6 +125,7 @@ class Signals:
     reading: Array | None = None
     reported_velocity: Array | None = None
     path_before: Array | None = None
+    aimed: Array | None = None
 
     @property
     def samples(self) -> int:
@@ -153,6 +155,15 @@ class Signals:
     def rigid(self) -> Array:
         """ID(q, v, a) of the nominal links (N, n) [N.m]."""
         return self.model.torque(self.position, self.velocity, self.acceleration)
+
+    @cached_property
+    def torque_of_aim(self) -> tuple[Array, Array]:
+        """Torque and weight of the nominal links in the motion asked for, (N, n) each [N.m]; none without one."""
+        aim = self.position_command
+        if aim is None:
+            return np.zeros_like(self.position), np.zeros_like(self.position)
+        rate, still = self.rate_of(aim), np.zeros_like(aim)
+        return self.model.torque(aim, rate, self.rate_of(rate)), self.model.torque(aim, still, still)
 
     @cached_property
     def weight(self) -> Array:

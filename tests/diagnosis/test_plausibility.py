@@ -21,6 +21,7 @@ def effect(**more: object) -> SimpleNamespace:
         "unresolved": lambda shape, resolution: None,
         "values": lambda change, shape, site: {},
         "relations": lambda values: (),
+        "contradicted": lambda values, sites: None,
     }
     return SimpleNamespace(**{**given, **more})
 
@@ -50,7 +51,7 @@ def trial(key: str = "elbow", change: np.ndarray | None = None, **more: object) 
 
 
 def rules(**bodies: np.ndarray) -> Plausibility:
-    return Plausibility(signals=None, bodies=bodies, pairs=(), resolution=0.0, slow=0.25)
+    return Plausibility(signals=(None,), bodies=bodies, pairs=(), resolution=0.0, slow=0.25)
 
 
 def test_what_has_nothing_against_it_is_plausible() -> None:

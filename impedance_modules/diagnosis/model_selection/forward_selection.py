@@ -155,18 +155,18 @@ class Selector:
         return (
             rejection_reason(trial, generic)
             or self.plausibility.implausible(trial)
-            or self._refused_by_load(trial)
+            or self._refused_by_recordings(trial)
         )
 
     def unphysical(self, trial: CandidateTrial) -> str | None:
         """Why a candidate cannot be, however well it fits; None where it can."""
-        return self.plausibility.unphysical(trial) or self._refused_by_load(trial)
+        return self.plausibility.unphysical(trial) or self._refused_by_recordings(trial)
 
-    def _refused_by_load(self, trial: CandidateTrial) -> str | None:
-        """Why the torque that the motion needs does not confirm a candidate; None where it does."""
-        if self._follows_load(trial):
-            return None
-        return "where the motion needs torque it does not show: its column is a command's noise"
+    def _refused_by_recordings(self, trial: CandidateTrial) -> str | None:
+        """Why what the motion needs does not confirm a candidate, or recordings deny it; None where neither is so."""
+        if not self._follows_load(trial):
+            return "where the motion needs torque it does not show: its column is a command's noise"
+        return self.plausibility.contradiction(trial)
 
     def _follows_load(self, trial: CandidateTrial) -> bool:
         """Whether what is made of a command is confirmed by the torque that the motion needs."""

@@ -154,6 +154,7 @@ def find_structure(evidence: Evidence) -> tuple[RemainingStructure, ...]:
     """Describes what of the remainder is no noise, the most prominent first."""
     small = evidence.rms(evidence.model_fit, _all_recordings(evidence)) <= evidence.negligible
     found = list(_tones_and_moments(evidence, small))
+    found.extend(_answers(evidence, small))
     changing = position_dependence(evidence)
     if changing is not None:
         found.append(replace(changing, prominence=1.0 + changing.prominence))
@@ -174,6 +175,17 @@ def _tones_and_moments(evidence: Evidence, small: NDArray[np.bool_]) -> Iterator
         if moment > MOMENT_MAX:
             words = f"single moments exceed the noise on {_name(evidence, group)}"
             yield RemainingStructure(moment / MOMENT_MAX, words, group)
+
+
+def _answers(evidence: Evidence, small: NDArray[np.bool_]) -> Iterator[RemainingStructure]:
+    """A joint whose controller answers a torque that no cause has: held-out recordings need what it asks for."""
+    refusal = evidence.refusal
+    if refusal is None or refusal.reason != evidence.selector.plausibility.contradiction(refusal.trial):
+        return
+    for g in refusal.trial.term.groups:
+        if not small[g]:
+            words = f"the controller answers a torque that no cause has on {_name(evidence, g)}"
+            yield RemainingStructure(1.0 + refusal.trial.reduction, words, g)
 
 
 def _all_recordings(evidence: Evidence) -> tuple[int, ...]:

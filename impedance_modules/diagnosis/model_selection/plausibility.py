@@ -26,14 +26,14 @@ class Plausibility:
     """What the robot and its recordings allow a candidate to be.
 
     Attributes:
-        signals: Of one recording, for the model behind them.
+        signals: Of the fitted recordings, as recorded.
         bodies: Link -> (10,) its inertial parameters.
         pairs: Recordings that repeat each other.
         resolution: Grid of the position sensors, or their noise where none is stated [rad].
         slow: Frequency up to which a motion is slow [cycles per row].
     """
 
-    signals: Signals
+    signals: Sequence[Signals]
     bodies: Mapping[str, Array]
     pairs: Sequence[tuple[int, int]]
     resolution: float
@@ -44,7 +44,7 @@ class Plausibility:
         """Reads it off recordings, of which some are fitted."""
         band = prepared[0].band
         return cls(
-            signals=prepared[0].signals,
+            signals=[prepared[index].signals for index in fitted],
             bodies={body.link: body.inertia for body in prepared[0].tree.bodies},
             pairs=repeat_pairs(prepared, fitted),
             resolution=resolution,
@@ -91,8 +91,16 @@ class Plausibility:
         if body is not None and len(change) == len(body) and not can_exist(body, change):
             return "no body has such an inertia: its mass would be negative somewhere"
         reason = effect.unresolved(term.shaped.shape, self.resolution)
-        values = effect.values(change, term.shaped.shape, term.candidate.site(self.signals))
+        values = effect.values(change, term.shaped.shape, term.candidate.site(self.signals[0]))
         return reason or next(iter(effect.relations(values)), None)
+
+    def contradiction(self, trial: CandidateTrial) -> str | None:
+        """What the recordings themselves say against its numbers."""
+        term = trial.term
+        sites = [term.candidate.site(signals) for signals in self.signals]
+        change = trial.coefficients.mean(axis=0) / term.layout.scale
+        values = term.candidate.effect.values(change, term.shaped.shape, sites[0])
+        return term.candidate.effect.contradicted(values, sites)
 
     def of_body(self, trial: CandidateTrial) -> bool:
         """Whether a trial is about a body: several numbers, of which one may be a rotor's or an offset's."""

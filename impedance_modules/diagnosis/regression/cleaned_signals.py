@@ -59,7 +59,7 @@ def clean_signals(signals: Signals, noise: Array | None = None, flicker: Array |
         reading=reading,
         spring_reading=signals.effort if signals.measures_springs else None,
         clean_drive=_clean_drive(signals, noise),
-        position_command=_aimed(signals),
+        aimed=_aimed(signals),
     )
 
 

@@ -3,6 +3,7 @@ r"""A generic basis: what functions of a joint's motion without physics could ex
 
     smooth   r = \sum_k c_k \tanh(w_k \cdot (q, v, a, \tau) + b_k)         random w, b of a fixed seed
     local    r = c \max(0, \pm (q - q_k)),   r = c \exp(-((q - q_k) / h)^2)   somewhere in the joint's range
+    step     r = c \tanh(\tau / (h \tau_{rms}))                               where the load reverses
 
 with \tau the model's torque: a generic regressor must not use the reading that it is to explain. A cause is named
 only if it does better than the best of these with as many coefficients, and explains a gap only if none of them finds
@@ -28,6 +29,9 @@ DRAWS: Mapping[int, int] = {1: 10, 2: 6, 4: 4}
 KNOTS = (0.15, 0.3, 0.5, 0.7, 0.85)
 """Quantiles of the position at which local regressors begin or are centred."""
 
+STEPS = (0.02, 0.1, 0.3)
+"""Loads over which a step at the load's reversal spreads, over its rms: a dead zone's, sticking of any kind."""
+
 GENERIC = "generic"
 
 
@@ -40,7 +44,8 @@ def generic_basis(prepared: Sequence[Prepared], residuals: Sequence[Residual]) -
         inputs = [_inputs(own, joint) for own in signals]
         stacked = np.concatenate(inputs)
         scaled = [(x - stacked.mean(axis=0)) / (stacked.std(axis=0) + 1e-9) for x in inputs]
-        for name, columns in _functions(scaled):
+        loads = [x[:, 3:] for x in inputs]
+        for name, columns in [*_functions(scaled), *_steps(loads)]:
             for residual in residuals:
                 regressor = CandidateRegressor(None, {}, (GENERIC, f"{residual}.{joint}", name))
                 size = columns[0].shape[1]
@@ -59,6 +64,13 @@ def _inputs(s: Signals, joint: int) -> Array:
     return np.column_stack(
         [s.position[:, joint], s.velocity[:, joint], s.acceleration[:, joint], s.rigid[:, joint]]
     )
+
+
+def _steps(loads: Sequence[Array]) -> Iterator[tuple[str, list[Array]]]:
+    """Names and values (N, 1) per recording, of loads (N, 1)."""
+    rms = float(np.sqrt(np.mean(np.concatenate(loads) ** 2))) + 1e-9
+    for index, spread in enumerate(STEPS):
+        yield f"step.{index}", [np.tanh(x / (spread * rms)) for x in loads]
 
 
 def _functions(inputs: Sequence[Array]) -> Iterator[tuple[str, list[Array]]]:
