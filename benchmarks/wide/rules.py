@@ -87,6 +87,12 @@ ACCEPTANCE = (
         True,
     ),
     _check(
+        "answer",
+        "a softer loop is more than a controller's answer",
+        "plausibility:Plausibility.contradiction",
+        None,
+    ),
+    _check(
         "nuisance",
         "links and stamps stay within their priors beside a cause",
         "plausibility:_moves_nuisance",
@@ -167,6 +173,13 @@ NAMING = (
         "held-out recordings need the cause",
         "model_selection.repeated_search:without_unconfirmed",
         _given_with_none(0),
+    ),
+    Rule(
+        "taken-up",
+        "a cause is needed where links would take it up far off",
+        "model_selection.naming:TAKEN_UP",
+        INFINITE,
+        ("model_selection.repeated_search:without_unconfirmed",),
     ),
     Rule(
         "motion", "the simulated motion does not reject the cause", "diagnose:rejected_by_motion", _always(())
