@@ -124,12 +124,12 @@ class ControllerGain(Effect):
 def _stiffness_asked(sites: Sequence[Site]) -> tuple[float, float] | None:
     r"""Stiffness k of a joint's controller as its own command shows it, and its standard error [N.m/rad].
 
-    u = k e + d \dot e + c \cdot (q_cmd, v_cmd, a_cmd, \sigma(v_cmd), \tau(q_cmd), \tau_g(q_cmd), \tau_g(q)) + u_0
+    u = k e + d \dot e + c \cdot (q_cmd, v_cmd, a_cmd, \sigma(v_cmd), \tau(q_cmd), \tau_g(q_cmd), \tau_g(q))
 
     with e = q_cmd - q: what is fed forward follows from the motion asked for, and weights may be those of where the
-    joint is. Nothing of the real motion's torque is in it: u equals that torque but for what is to be explained. The
-    error is a jackknife's over pieces of the recordings, whose samples follow each other. None where no motion, or no
-    torque, was asked for.
+    joint is. Nothing of the real motion's torque is in it: u equals that torque but for what is to be explained. Nor
+    is a constant: an error that stays answers one. The standard error is a jackknife's over pieces of the recordings,
+    whose samples follow each other. None where no motion, or no torque, was asked for.
     """
     pieces: list[Array] = []
     for site in sites:
@@ -150,7 +150,7 @@ def _stiffness_asked(sites: Sequence[Site]) -> tuple[float, float] | None:
                 drive[:, joint],
             ]
         )
-        pieces += np.array_split(columns - columns.mean(axis=0), PIECES)
+        pieces += np.array_split(columns, PIECES)
     return _first_of_jackknife(np.array([piece.T @ piece for piece in pieces]))
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impedance_modules.arrays import Array
-from impedance_modules.effects.effect import Effect, Values
+from impedance_modules.effects.effect import NEEDED, Effect, Values
 from impedance_modules.effects.effect_description import Description, Port, joint_parameter
 from impedance_modules.effects.joint_motion import Shape
 from impedance_modules.effects.plant_builder import PlantBuilder
@@ -153,8 +153,10 @@ class JointElasticity(Effect):
         if site.port == "sensor":
             if not may_sit_at(signals, joint, "motor"):
                 return None
-            nominal = float(signals.spring_compliance[joint])
-            return behind_encoder(signals, joint, signals.slow_load[:, joint], -nominal)
+            bending = (
+                signals.slow_load if NEEDED not in shape else signals.slowly(signals.rigid, range(signals.n))
+            )
+            return behind_encoder(signals, joint, bending[:, joint], -float(signals.spring_compliance[joint]))
         if not may_sit_at(signals, joint, "link"):
             return None
         load = signals.load if signals.measures_springs else signals.slow_load
@@ -166,6 +168,10 @@ class JointElasticity(Effect):
     def shows(self, port: Port, residual: Residual) -> bool:
         """An encoder at the motor misleads wherever the links' model is evaluated."""
         return uses_motion(residual) if port == "sensor" else super().shows(port, residual)
+
+    def by_load(self, port: Port, shape: Mapping[str, float]) -> dict[str, float] | None:
+        """Bent by the torque that the motion needs: as it was read, the reading's noise bends it, too."""
+        return {NEEDED: 1.0} if port == "sensor" else None
 
     def encoder_side(self, port: Port) -> EncoderSide | None:
         """At the sensor, the motor's."""

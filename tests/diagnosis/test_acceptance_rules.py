@@ -48,7 +48,8 @@ def trial(
     model_fit = SimpleNamespace(counts=np.full(3, 1000.0), design=SimpleNamespace(shapes={name: shapes}))
     good = {
         "gain": 300.0, "folds": np.array([150.0, 150.0]), "reduction": 0.5, "outside": False, "spread": 0.0,
-        "narrow": 0.5, "in_sample": SimpleNamespace(displaced=None, contrast_chi_square=np.inf, own=np.ones(1)),
+        "narrow": 0.5, "gain_elsewhere": 0.0,
+        "in_sample": SimpleNamespace(displaced=None, contrast_chi_square=np.inf, own=np.ones(1)),
         "reach_on": lambda chosen: reach,
     }  # fmt: skip
     known_numbers = {**good, **numbers}
@@ -92,7 +93,11 @@ CRITERIA = {
     "harms on others": ({"folds": np.array([100.0, -15.1])}, {"folds": np.array([100.0, -14.9])}),
     "end of what is physical": ({"outside": True}, {}),
     "another cause would leave": ({"in_sample": SimpleNamespace(displaced=object())}, {}),
-    "helps on one alone": ({"spread": 0.31, "narrow": 0.951}, {"spread": 0.31, "narrow": 0.949}),
+    "helps on one alone": (
+        {"spread": 0.31, "narrow": 0.951, "gain_elsewhere": 7.49},
+        {"spread": 0.31, "narrow": 0.951, "gain_elsewhere": 7.51},
+    ),
+    "it should show on several": ({"spread": 0.31, "narrow": 0.951}, {"spread": 0.31, "narrow": 0.949}),
 }  # fmt: skip
 """Part of a reason, numbers that are rejected for it, and numbers that just pass."""
 

@@ -60,7 +60,7 @@ def test_a_loop_that_is_softer_by_a_part_is_named_with_its_size(tmp_path: Path) 
 
 
 def sites(stiffness: float, damping: float, seed: int, *, commanded: bool = True) -> list[Site]:
-    """Two recordings of a joint whose command has what the motion asked for needs, a constant, and answers errors."""
+    """Two recordings of a joint whose command has what the motion asked for needs, and answers errors."""
     out = []
     for number in range(2):
         dice = np.random.default_rng([seed, number])
@@ -71,7 +71,7 @@ def sites(stiffness: float, damping: float, seed: int, *, commanded: bool = True
             position=q, velocity=differentiate(q, t), torque_of_aim=(tau, 0.0 * tau),
             rate_of=lambda x, t=t: differentiate(x, t), joint=lambda name: 0, weight=0.0 * q,
             position_command=q + e if commanded else None,
-            drive=tau + stiffness * e + damping * differentiate(e, t) + dice.normal(),
+            drive=tau + stiffness * e + damping * differentiate(e, t),
         )  # fmt: skip
         out.append(Site(signals, "elbow", "actuator"))
     return out

@@ -103,6 +103,12 @@ class CandidateTrial:
         total = float(gains.sum())
         return float(gains.max()) / total if total > 0.0 else 1.0
 
+    @property
+    def gain_elsewhere(self) -> float:
+        """Held-out gain of the groups that it touches, but for the one where it gains most [nats]."""
+        gains = self.unseen_gains[list(self.term.groups)]
+        return float(gains.sum() - gains.max())
+
     @cached_property
     def spread(self) -> float:
         """Part of what it predicts that falls on other groups than the one where it predicts most."""

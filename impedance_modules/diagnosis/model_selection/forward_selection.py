@@ -119,7 +119,7 @@ class Selector:
         refusal: Refusal | None = None
         for _ in range(ROUNDS):
             model, refusal = self._add_causes(model, progress)
-            grown = merge_delays(model, self.model_fit, self.refiner)
+            grown = self.simplest(merge_delays(model, self.model_fit, self.refiner))
             model = eliminate_backward(grown, self.model_fit, self.rejection_reason)
             if len(model) == len(grown):
                 break
@@ -165,7 +165,7 @@ class Selector:
     def _refused_by_recordings(self, trial: CandidateTrial) -> str | None:
         """Why what the motion needs does not confirm a candidate, or recordings deny it; None where neither is so."""
         if not self._follows_load(trial):
-            return "where the motion needs torque it does not show: its column is a command's noise"
+            return "where the motion needs torque it does not show: its column is noise of a command or a reading"
         return self.plausibility.contradiction(trial)
 
     def _follows_load(self, trial: CandidateTrial) -> bool:
@@ -234,7 +234,8 @@ class Selector:
     def simplest(self, model: Sequence[ModelTerm]) -> list[ModelTerm]:
         """Puts simpler laws on the same joints in the place of those whose further numbers may all be chance.
 
-        A spring of no stiffness for certain is an offset: both were found beside causes that are gone now.
+        A spring of no stiffness for certain is an offset: both were found beside causes that are gone now. Before the
+        elimination, too, which would leave nothing of a law that is only the wrong one of its kind.
         """
         kept = list(model)
         for index, term in enumerate(model):
