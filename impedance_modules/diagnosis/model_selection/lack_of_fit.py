@@ -6,8 +6,9 @@ r"""Lack of fit: whether the remainder is noise, by its power and by its structu
 in whitened rows, on recordings that no fit has used. The limit is that of Fisher's F test for the samples here and in
 the noise floor, all groups together, or the negligible part of the joint's load where that is larger.
 
-The remainder has structure if its spectrum has a peak, if single moments exceed the others, or if a cause varies along
-its joint's position q as
+The remainder has structure if its spectrum has a peak, if single moments exceed the others, if held-out recordings
+need what a controller asks for as its answer to a torque that no cause has (`Effect.contradicted`), or if a cause
+varies along its joint's position q as
 
     r = \tau(t) (1 + a \sin N q + b \cos N q),      \tau the torque of an accepted cause at its joint.
 
