@@ -104,8 +104,8 @@ class ControllerGain(Effect):
         dkp = -k explains it, whatever it is. What is near to that, for all that the command shows of k, says nothing
         about the loop.
         """
-        asked = _stiffness_asked(sites)
-        if asked is None or values["dkp"] >= min(0.0, -ANSWER * (asked[0] - SURE * asked[1])):
+        asked = _stiffness_asked(sites) if values["dkp"] < 0.0 else None
+        if asked is None or -values["dkp"] <= ANSWER * (asked[0] - SURE * asked[1]):
             return None
         return (
             "takes back what the controller answers: any disturbance would look so "

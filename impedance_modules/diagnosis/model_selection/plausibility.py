@@ -91,16 +91,19 @@ class Plausibility:
         if body is not None and len(change) == len(body) and not can_exist(body, change):
             return "no body has such an inertia: its mass would be negative somewhere"
         reason = effect.unresolved(term.shaped.shape, self.resolution)
-        values = effect.values(change, term.shaped.shape, term.candidate.site(self.signals[0]))
-        return reason or next(iter(effect.relations(values)), None)
+        return reason or next(iter(effect.relations(self._values(trial))), None)
 
     def contradiction(self, trial: CandidateTrial) -> str | None:
         """What the recordings themselves say against its numbers."""
+        candidate = trial.term.candidate
+        return candidate.effect.contradicted(
+            self._values(trial), [candidate.site(signals) for signals in self.signals]
+        )
+
+    def _values(self, trial: CandidateTrial) -> Mapping[str, float]:
         term = trial.term
-        sites = [term.candidate.site(signals) for signals in self.signals]
         change = trial.coefficients.mean(axis=0) / term.layout.scale
-        values = term.candidate.effect.values(change, term.shaped.shape, sites[0])
-        return term.candidate.effect.contradicted(values, sites)
+        return term.candidate.effect.values(change, term.shaped.shape, term.candidate.site(self.signals[0]))
 
     def of_body(self, trial: CandidateTrial) -> bool:
         """Whether a trial is about a body: several numbers, of which one may be a rotor's or an offset's."""
