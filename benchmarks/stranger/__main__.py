@@ -47,6 +47,7 @@ def main() -> None:
             "seventh",
             "eighth",
             "ninth",
+            "tenth",
             "smoke",
         ],
         default="real",

@@ -24,6 +24,7 @@ SALT = {
     "seventh": "the same stranger, six years later",
     "eighth": "the same stranger, seven years later",
     "ninth": "the same stranger, eight years later",
+    "tenth": "the same stranger, nine years later",
     "smoke": "only to see that it is read",
 }
 
