@@ -143,6 +143,10 @@ class Effect(ABC):
         """Gives the shape in which what the motion needs stands in a command's place; None where nothing does."""
         return None
 
+    def imitated_by(self, site: Site, values: Values) -> tuple[str, ...]:
+        """Ids of effects that a recording cannot tell from this one with its numbers, however well it was made."""
+        return ()
+
     def computed_from_command(self, port: Port) -> bool:
         """Says whether its columns are made of what was asked for, which is known exactly as it was sent."""
         return False

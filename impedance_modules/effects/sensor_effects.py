@@ -14,6 +14,7 @@ from impedance_modules.effects.drive_effects import LAGS, lagged
 from impedance_modules.effects.effect import NEEDED, Effect, JointLaw, Stepped, Values
 from impedance_modules.effects.effect_description import Description, Parameter, Port, joint_parameter
 from impedance_modules.effects.joint_motion import Shape
+from impedance_modules.effects.joint_transmission import Backlash, place_in_play
 from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.regressor import Regressor, Site, all_rows, ends, one_row
 from impedance_modules.effects.residual_kinds import EFFORT_SIGN, Residual, Stage, uses_motion
@@ -175,7 +176,7 @@ class EncoderOffset(Stepped):
         ports=("sensor",),
         places={"sensor": "encoder"},
         signature="like weight, on the joint itself and on the joints before and after it",
-        confusable_with=("base_tilt", "torque_offset", "payload"),
+        confusable_with=("base_tilt", "torque_offset", "payload", "backlash"),
         excitation="poses over the whole workspace",
         reference="Khalil & Dombre 2002; PACE 2025 (bias)",
         applied="The plant: its position sensor, and the robot's own gravity compensation with it.",
@@ -208,6 +209,13 @@ class EncoderOffset(Stepped):
         there[:, joint] -= offset
         columns = -signals.model.position_derivative(there, v, a)[:, :, joint, None]
         return all_rows(columns, signals.model.torque(there, v, a) - signals.rigid)
+
+    def imitated_by(self, site: Site, values: Values) -> tuple[str, ...]:
+        """Play before an encoder at the motor, where the load holds the link at one flank: half the gap behind."""
+        signals, joint = site.signals, site.joint
+        place = place_in_play(signals.load[:, joint])
+        one_flank = np.ptp(place) == 0.0 and place[0] * values["dq0"] > 0.0
+        return (Backlash.description.id,) if one_flank and signals.encoder_at_motor[joint] else ()
 
     def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:
         """Shifts what the encoder reports."""

@@ -14,17 +14,26 @@ from tests.support.recordings import columns_of, save
 SLOWER = 2.0
 
 
-def recorded(folder: Path, play: float) -> list[Path]:
-    """Motions that pass the hanging pendulum, where the shoulder's load reverses: the motor crosses its play there."""
+def recorded(
+    folder: Path,
+    play: float,
+    joint: int = 0,
+    about: tuple[float, float] = (0.4, 0.0),
+    size: float = 1.0,
+) -> list[Path]:
+    """Motions about a posture [rad], with play [rad] at a joint; the motor crosses it where the joint's load reverses.
+
+    About the posture that is given when none is, the hanging pendulum is passed, where the shoulder's load reverses.
+    """
     paths = []
     for kind in range(4):
         random = np.random.default_rng(kind)
         t, q, v, a = motion(kind, 25.0)
-        t, q, v, a = SLOWER * t, q + np.array([0.4, 0.0]), v / SLOWER, a / SLOWER**2
+        t, q, v, a = SLOWER * t, size * q + np.array(about), size * v / SLOWER, size * a / SLOWER**2
         load = torque(q, v, a, mass=1.0)
-        motor = q + np.column_stack([0.5 * play * np.tanh(load[:, 0] / 0.1), np.zeros(len(t))])
+        motor = q + random.normal(scale=1e-5, size=q.shape)
+        motor[:, joint] += 0.5 * play * np.tanh(load[:, joint] / 0.1)
         effort = load + random.normal(scale=0.02, size=q.shape)
-        motor = motor + random.normal(scale=1e-5, size=q.shape)
         paths.append(save(folder, f"run{kind}", columns_of(t, JOINTS, position=motor, effort=effort)))
     return paths
 
@@ -41,6 +50,21 @@ def test_play_behind_the_encoder_is_named_with_its_size(tmp_path: Path, play: fl
 def test_a_tight_gear_keeps_all_its_rows(tmp_path: Path) -> None:
     _, said = answer(tmp_path, recorded(tmp_path, 0.0), "--encoder", "motor")
     assert said["verdict"] == "no_gap" and not any("reverses" in words for words in said["data"]["warnings"])
+
+
+@pytest.mark.parametrize(
+    ("play", "side", "alike"), [(0.5, "motor", True), (-0.5, "motor", False), (0.5, "link", False)]
+)
+def test_play_that_is_never_crossed_is_told_with_the_offset_that_it_is(
+    tmp_path: Path, play: float, side: str, alike: bool
+) -> None:
+    """A link that lies at one flank is half the gap behind the motor, never before it; its own encoder has no play."""
+    _, said = answer(tmp_path, recorded(tmp_path, play, 1, about=(0.3, 0.6), size=0.4), "--encoder", side)
+    first = said["causes"][0]
+    assert (first["effect"], first["joints"]) == ("encoder_offset", ["elbow"])
+    assert first["parameters"]["elbow"]["dq0"]["value"] == pytest.approx(play / 2.0, rel=0.1)
+    assert ("backlash" in [other["effect"] for other in first["equivalent"]]) is alike
+    assert said["verdict"] == ("ambiguous" if alike else "explained")
 
 
 RATE, CUTOFF, SAMPLES, ORDER = 50.0, 10.0, 1000, 4

@@ -23,7 +23,15 @@ from impedance_modules.diagnosis.regression.candidates import Candidate
 from impedance_modules.diagnosis.regression.model_fit import ModelTerm
 from impedance_modules.diagnosis.regression.parameter_estimates import estimates
 from impedance_modules.diagnosis.residuals.preparation import Prepared
-from impedance_modules.diagnosis.result import Cause, Diagnosis, JointGap, Remainder, no_rollout
+from impedance_modules.diagnosis.result import (
+    Cause,
+    Diagnosis,
+    Estimate,
+    JointGap,
+    Remainder,
+    Rival,
+    no_rollout,
+)
 from impedance_modules.effects.catalogue import CATALOGUE
 
 EXPLAINED_MIN, WEAK_FLOOR_LIMIT = 0.25, 6.0
@@ -239,24 +247,33 @@ def _cause(evidence: Evidence, term: ModelTerm, gain: float) -> Cause:
     prismatic = any(
         body.prismatic and body.joint in candidate.joints for body in evidence.prepared[0].tree.bodies
     )
+    numbers = estimates(evidence.model_fit, evidence.selector.refiner, model.index(term), prismatic=prismatic)
     return Cause(
         effect=candidate.effect.id,
         joints=candidate.joints,
         port=candidate.port,
-        parameters={
-            candidate.key: estimates(
-                evidence.model_fit, evidence.selector.refiner, model.index(term), prismatic=prismatic
-            )
-        },
+        parameters={candidate.key: numbers},
         weight=gain,
         shrink=None,
-        equivalent=compared.equal,
+        equivalent=tuple(dict.fromkeys([*compared.equal, *_imitators(evidence, candidate, numbers)])),
         rivals=compared.lost,
         position_range=_range(evidence, candidate, "position"),
         velocity_range=_range(evidence, candidate, "velocity"),
         standing=compared.standing,
         outside=candidate.effect.is_outside(term.shaped.shape, candidate.site(evidence.prepared[0].signals)),
         elsewhere=compared.elsewhere,
+    )
+
+
+def _imitators(
+    evidence: Evidence, candidate: Candidate, numbers: Mapping[str, Estimate]
+) -> tuple[Rival, ...]:
+    """What none of the recordings can tell from a cause with its numbers, and no column of its own stands for."""
+    values = {symbol: estimate.value for symbol, estimate in numbers.items()}
+    found = [candidate.effect.imitated_by(candidate.site(item.signals), values) for item in evidence.prepared]
+    alike = [effect for effect in found[0] if all(effect in others for others in found)]
+    return tuple(
+        Rival(effect, candidate.joints, "is the same in every motion that was recorded") for effect in alike
     )
 
 
