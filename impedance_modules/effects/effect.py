@@ -144,7 +144,7 @@ class Effect(ABC):
         return None
 
     def imitated_by(self, site: Site, values: Values) -> tuple[str, ...]:
-        """Ids of effects that a recording cannot tell from this one with its numbers, however well it was made."""
+        """Gives the ids of effects that would look the same as this one with its numbers in a recording."""
         return ()
 
     def computed_from_command(self, port: Port) -> bool:

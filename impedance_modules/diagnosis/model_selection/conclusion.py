@@ -268,7 +268,7 @@ def _cause(evidence: Evidence, term: ModelTerm, gain: float) -> Cause:
 def _imitators(
     evidence: Evidence, candidate: Candidate, numbers: Mapping[str, Estimate]
 ) -> tuple[Rival, ...]:
-    """What none of the recordings can tell from a cause with its numbers, and no column of its own stands for."""
+    """Effects that would look like a cause with its numbers in every recording (`Effect.imitated_by`)."""
     values = {symbol: estimate.value for symbol, estimate in numbers.items()}
     found = [candidate.effect.imitated_by(candidate.site(item.signals), values) for item in evidence.prepared]
     alike = [effect for effect in found[0] if all(effect in others for others in found)]
