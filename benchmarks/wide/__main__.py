@@ -138,6 +138,23 @@ def calibrate(out: tuple[Path, ...], answers: Path | None, write: bool, diagram:
 
 
 @main.command()
+@click.argument("out", type=click.Path(path_type=Path, exists=True))
+@click.option(
+    "--answers",
+    type=click.Path(path_type=Path),
+    required=True,
+    help="A folder of its own, where they are kept.",
+)
+@click.option("--block", "blocks", multiple=True, type=click.Choice(BLOCKS), default=["A"], show_default=True)
+@click.option("--jobs", type=click.IntRange(1), default=1, show_default=True)
+def promise(out: Path, answers: Path, blocks: tuple[str, ...], jobs: int) -> None:
+    """Withholds a recording of each case, and compares the promised shrink with what the patch does to it."""
+    from benchmarks.wide.promise import keep_promises
+
+    click.echo(keep_promises(out, answers, blocks, jobs, lambda text: click.echo(text, err=True)), nl=False)
+
+
+@main.command()
 @click.argument("out", type=click.Path(path_type=Path, exists=True), nargs=-1, required=True)
 @click.option(
     "--answers", type=click.Path(path_type=Path), required=True, help="Kept here, in a folder for each OUT."

@@ -7,7 +7,7 @@ import json
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -80,11 +80,13 @@ def run_case(case: Path, selection: Selection, answer: Path, program: Sequence[s
 
 def words(shown: dict[str, Any], selection: Selection, answer: Path) -> list[str]:
     """Returns the words of the command, as a stranger with this robot and these recordings would type them."""
-    robot = shown["robot"]
-    model = (
-        ["--robot", f"./{robot}"]
-        if shown["known_by"] == "robot_file"
-        else ["--urdf", f"{robot}/{robot}.urdf"]
-    )
     tolerance = [] if selection.tolerance is None else ["--tolerance", str(selection.tolerance)]
-    return ["diagnose", *shown["logs"], *model, "--json", str(answer), *tolerance]
+    return ["diagnose", *shown["logs"], *model_words(shown), "--json", str(answer), *tolerance]
+
+
+def model_words(shown: Mapping[str, Any]) -> list[str]:
+    """Returns the words that name the robot of a case: its folder where it has a robot file, its URDF otherwise."""
+    robot = shown["robot"]
+    if shown["known_by"] == "robot_file":
+        return ["--robot", f"./{robot}"]
+    return ["--urdf", f"{robot}/{robot}.urdf"]

@@ -301,17 +301,22 @@ def _quiet(gap: JointGap) -> bool:
     return gap.residual == "velocity" and gap.before < QUIET * gap.noise_floor
 
 
+GAP_CAPTION = (
+    "after: with the causes alone, as a patch has them; refitted: links, weights and stamps within priors too"
+)
+
+
 def _gaps(found: Diagnosis) -> Table:
     from rich.table import Table
 
-    table = Table(title="held-out residual, rms")
-    for name in ("joint", "port", "before", "after", "noise", "unit", "shrink"):
+    table = Table(title="held-out residual, rms", caption=GAP_CAPTION, caption_justify="left")
+    for name in ("joint", "port", "before", "after", "refitted", "noise", "unit", "shrink"):
         table.add_column(name, justify="left" if name in ("joint", "port", "unit") else "right")
     for gap in found.gaps:
         if _quiet(gap):
             continue
         shrink = _percent(gap.shrink, found)
-        numbers = (f"{x:.3g}" for x in (gap.before, gap.after, gap.noise_floor))
+        numbers = (f"{x:.3g}" for x in (gap.before, gap.after, gap.refitted, gap.noise_floor))
         table.add_row(gap.joint, gap.residual, *numbers, gap.unit, shrink)
     return table
 

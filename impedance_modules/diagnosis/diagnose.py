@@ -33,6 +33,7 @@ from impedance_modules.diagnosis.model_selection.conclusion import (
     conclude,
 )
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
+from impedance_modules.diagnosis.model_selection.held_out_gap import with_held_out_gap
 from impedance_modules.diagnosis.model_selection.naming import rejected_by_motion
 from impedance_modules.diagnosis.model_selection.object_search import with_held_object
 from impedance_modules.diagnosis.model_selection.probability import (
@@ -143,7 +144,7 @@ def diagnose(
             break
         search.leave_out(rejected, found.causes)
     evidence = search.evidence
-    found = set_small_aside(found, evidence, tolerance)
+    found = with_held_out_gap(set_small_aside(found, evidence, tolerance), evidence, model)
     progress("comparing contact with the task's surfaces")
     found = with_surfaces(found, whole, evidence, known_effects, without, tolerance)
     progress("comparing what the hands hold with the task's object")

@@ -117,7 +117,10 @@ class JointGap:
     Attributes:
         joint: Name.
         residual: Which comparison: actuator, link, motor, whole, drive or velocity.
-        before, after, noise_floor: Rms, in ``unit``.
+        before: Rms of the nominal model, in ``unit``.
+        after: Of it with the named causes alone, as a patch has them.
+        refitted: With all causes, and links, weights and stamps as fitted beside them within their priors.
+        noise_floor: Of the noise.
         unit: N.m, N or rad/s.
     """
 
@@ -125,6 +128,7 @@ class JointGap:
     residual: str
     before: float
     after: float
+    refitted: float
     noise_floor: float
     unit: str
 
@@ -289,7 +293,8 @@ class ResidualSeries:
         episode: The recording.
         time: (M,) [s].
         measured: (M,) measured quantity; the prediction is this minus the residual.
-        before, after: (M,) residual of the nominal model, and with the causes.
+        before, after, refitted: (M,) residual of the nominal model, with the named causes alone, and with links,
+            weights and stamps refitted beside them.
         regimes: Regime of motion at each sample.
     """
 
@@ -301,6 +306,7 @@ class ResidualSeries:
     measured: Array
     before: Array
     after: Array
+    refitted: Array
     regimes: tuple[str, ...]
 
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The conclusion: accepted terms become named causes with parameters and rivals; gap, remainder and verdict.
+"""The conclusion: accepted terms become named causes with parameters and rivals; remainder and verdict.
 
-The gap before and after is measured on the held-out recordings. The next motion to record follows from what is open.
+The next motion to record follows from what is open. How far the gap shrinks is measured last (`held_out_gap`).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from impedance_modules.diagnosis.data.log import DataReport
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.model_selection.external_pushes import cause_of_pushes
-from impedance_modules.diagnosis.model_selection.gap_location import held_out_series, locate_gap
+from impedance_modules.diagnosis.model_selection.gap_location import locate_gap
 from impedance_modules.diagnosis.model_selection.lack_of_fit import LackOfFit, lack_of_fit
 from impedance_modules.diagnosis.model_selection.naming import SHARE_THAT_MATTERS, noise_power, ranked_terms
 from impedance_modules.diagnosis.model_selection.rivals import judge_rivals
@@ -27,7 +27,6 @@ from impedance_modules.diagnosis.result import (
     Cause,
     Diagnosis,
     Estimate,
-    JointGap,
     Remainder,
     Rival,
     no_rollout,
@@ -43,8 +42,7 @@ limit of residual power over noise where no repeats measure the noise."""
 def conclude(
     evidence: Evidence, causes: tuple[Cause, ...], model: NominalModel, report: DataReport
 ) -> Diagnosis:
-    """Puts gap, verdict, remainder and next motion together."""
-    gaps = _gaps(evidence, model)
+    """Puts verdict, remainder and next motion together; ``with_held_out_gap`` measures gap and shrink afterwards."""
     lack = lack_of_fit(evidence)
     remainder = _remainder(lack, evidence, model)
     logs = evidence.prepared
@@ -55,15 +53,15 @@ def conclude(
         heldout=tuple(logs[index].log.name for index in evidence.heldout),
         data=report,
         reason="",
-        gaps=gaps,
-        shrink=_shrink(gaps),
+        gaps=(),
+        shrink=None,
         rollout=no_rollout(),
         where=locate_gap(evidence, model),
         causes=causes,
         unexplained_weight=max(0.0, 1.0 - sum(cause.weight for cause in causes)),
         remainder=remainder,
         next_motion=propose_motion(causes, report, model, _median_posture(evidence, model)),
-        series=held_out_series(evidence, model),
+        series=(),
     )
 
 
@@ -79,10 +77,7 @@ def causes_of_model(evidence: Evidence) -> tuple[Cause, ...]:
     gains = sum(cause.weight for cause in merged.values())
     share = evidence.pushed_share
     scale = (1.0 - share) * (1.0 - left) / gains if gains > 0.0 else 0.0
-    weighed = [
-        replace(cause, weight=cause.weight * scale, shrink=_own_shrink(evidence, cause))
-        for cause in merged.values()
-    ]
+    weighed = [replace(cause, weight=cause.weight * scale) for cause in merged.values()]
     if evidence.pushes:
         weighed.append(cause_of_pushes(evidence.pushes, share))
     return tuple(sorted(weighed, key=lambda cause: -cause.weight))
@@ -209,31 +204,6 @@ def _remainder(found: LackOfFit, evidence: Evidence, model: NominalModel) -> Rem
     return Remainder(ratio, found.passed, words, float(found.limit[worst]), failing)
 
 
-def _gaps(evidence: Evidence, model: NominalModel) -> tuple[JointGap, ...]:
-    first, last = evidence.rms(None), evidence.rms(evidence.model_fit)
-    units = model.tree.units()
-    return tuple(
-        JointGap(
-            joint=model.joints[joint],
-            residual=residual,
-            before=float(first[group]),
-            after=float(last[group]),
-            noise_floor=float(evidence.heldout_noise[group]),
-            unit=units[joint] if residual != "velocity" else "rad/s",
-        )
-        for group, (residual, joint) in enumerate(evidence.design.groups)
-    )
-
-
-def _shrink(gaps: Sequence[JointGap]) -> float | None:
-    """The gap's shrink over all joints, squares summed in units of each noise floor."""
-    start = sum(max(0.0, gap.before**2 / gap.noise_floor**2 - 1.0) for gap in gaps)
-    left = sum(
-        max(0.0, gap.after**2 / gap.noise_floor**2 - 1.0) for gap in gaps if gap.before > gap.noise_floor
-    )
-    return None if start <= 0.0 else 1.0 - float(np.sqrt(left / start))
-
-
 def _median_posture(evidence: Evidence, model: NominalModel) -> dict[str, float]:
     """Joint -> median of all recorded positions [rad], near which the next motion can begin."""
     middle = np.median(np.concatenate([item.position for item in evidence.prepared]), axis=0)
@@ -302,14 +272,3 @@ def _merge(one: Cause, other: Cause) -> Cause:
         outside=one.outside and other.outside,
         elsewhere=tuple(port for port in one.elsewhere if port in other.elsewhere),
     )
-
-
-def _own_shrink(evidence: Evidence, cause: Cause) -> float | None:
-    """Held-out shrink of the nominal model plus this cause alone."""
-    own = [
-        term for term in evidence.model_fit.model if (term.key[0], term.key[2]) == (cause.effect, cause.port)
-    ]
-    before = evidence.excess(None)
-    if before <= 0.0:
-        return None
-    return 1.0 - float(np.sqrt(evidence.excess(evidence.selector.model_fit(own)) / before))

@@ -10,7 +10,7 @@ masses and gravity are not known to more digits. Where sensors are noisier than 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -88,9 +88,28 @@ class Evidence:
     def rms(self, model_fit: ModelFit | None, recordings: Sequence[int] | None = None) -> Array:
         """(groups,) rms residual of a model (None: nominal) on some recordings, by default the held-out ones."""
         chosen = self.heldout if recordings is None else recordings
-        left = [self.design.raw[r] if model_fit is None else self.plain.left(model_fit, r) for r in chosen]
+        return self._rms_of(
+            chosen,
+            [self.design.raw[r] if model_fit is None else self.plain.left(model_fit, r) for r in chosen],
+        )
+
+    def rms_with(self, named: Collection[tuple[str, str]]) -> Array:
+        """(groups,) rms held-out residual of the nominal model with some causes alone, as a patch has them.
+
+        Args:
+            named: Effect and port of each cause. Their numbers are those of the fit; links, weights and stamps, which
+                were fitted beside them within their priors, stay as the nominal model has them.
+        """
+        return self._rms_of(self.heldout, [self.left_with(named, r) for r in self.heldout])
+
+    def left_with(self, named: Collection[tuple[str, str]], recording: int) -> list[Array]:
+        """Residuals of a recording of that model: group -> (M,) in the group's unit."""
+        terms = [i for i, term in enumerate(self.model_fit.model) if (term.key[0], term.key[2]) in named]
+        return self.plain.left_by_terms(self.model_fit, terms, recording)
+
+    def _rms_of(self, recordings: Sequence[int], left: Sequence[Sequence[Array]]) -> Array:
         shown = [
-            np.concatenate([x[g][self.counted(r, g)] for r, x in zip(chosen, left, strict=True)])
+            np.concatenate([x[g][self.counted(r, g)] for r, x in zip(recordings, left, strict=True)])
             for g in range(len(self.design.groups))
         ]
         return np.array([np.sqrt(np.mean(values**2)) if values.size else 0.0 for values in shown])
@@ -130,9 +149,9 @@ class Evidence:
         pushes, others = (float(np.clip(part, 0.0, None).sum()) for part in (inside, outside))
         return pushes / (pushes + others) if pushes > 0.0 else 0.0
 
-    def excess(self, model_fit: ModelFit | None) -> float:
-        """Held-out residual power beyond the noise, over all groups, each in units of its own noise; None: nominal."""
-        return float(np.sum(np.clip((self.rms(model_fit) / self.heldout_noise) ** 2 - 1.0, 0.0, None)))
+    def excess(self, rms: Array) -> float:
+        """Power beyond the noise of held-out residuals (groups,), over all groups, each in units of its own noise."""
+        return float(np.sum(np.clip((rms / self.heldout_noise) ** 2 - 1.0, 0.0, None)))
 
     def excess_torque(self, model_fit: ModelFit | None) -> float:
         """The same in units of the mean noise of a residual's joints: a large torque counts as one, quiet or not."""

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,13 +95,16 @@ def regimes(item: Prepared, model: NominalModel, joint: int) -> dict[str, Mask]:
     return out
 
 
-def held_out_series(evidence: Evidence, model: NominalModel) -> tuple[ResidualSeries, ...]:
-    """Collects every residual of the first held-out recordings, without the causes and with them."""
+def held_out_series(
+    evidence: Evidence, model: NominalModel, named: Collection[tuple[str, str]]
+) -> tuple[ResidualSeries, ...]:
+    """Collects every residual of the first held-out recordings: nominal, with named causes alone, and refitted."""
     units = model.tree.units()
     out = []
     for index in evidence.heldout[:MOST_RECORDINGS]:
         item = evidence.prepared[index]
-        left = evidence.plain.left(evidence.model_fit, index)
+        refitted = evidence.plain.left(evidence.model_fit, index)
+        left = evidence.left_with(named, index)
         regime_names = [_regime_names(item, model, joint) for joint in range(model.n)]
         for group, (residual, joint) in enumerate(evidence.design.groups):
             out.append(
@@ -114,6 +117,7 @@ def held_out_series(evidence: Evidence, model: NominalModel) -> tuple[ResidualSe
                     measured=_measured(item, residual)[:, joint],
                     before=evidence.design.raw[index][group],
                     after=left[group],
+                    refitted=refitted[group],
                     regimes=regime_names[joint],
                 )
             )

@@ -88,6 +88,14 @@ class UnwhitenedFit:
                 out[g] = out[g] - torque
         return out
 
+    def left_by_terms(self, model_fit: ModelFit, terms: Sequence[int], recording: int) -> list[Array]:
+        """What some terms alone leave of a recording: links, weights and stamps stay as the nominal model has them."""
+        out = list(self.design.raw[recording])
+        for index in terms:
+            for g, torque in self.torque(model_fit, index, recording).items():
+                out[g] = out[g] - torque
+        return out
+
 
 def estimates(
     model_fit: ModelFit, refiner: ShapeRefiner, index: int, *, prismatic: bool

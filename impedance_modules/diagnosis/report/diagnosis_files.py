@@ -206,7 +206,13 @@ def patch_text(patch: Mapping[str, Any]) -> str:
 
 
 def _gap(gap: JointGap) -> dict[str, Any]:
-    return {"before": gap.before, "after": gap.after, "noise_floor": gap.noise_floor, "unit": gap.unit}
+    return {
+        "before": gap.before,
+        "after": gap.after,
+        "refitted": gap.refitted,
+        "noise_floor": gap.noise_floor,
+        "unit": gap.unit,
+    }
 
 
 def _data(diagnosis: Diagnosis) -> dict[str, Any]:

@@ -92,7 +92,7 @@ def gallery(figures: Sequence[str]) -> str:
     return f"<div class='gallery'>{''.join(figures)}</div>" if figures else ""
 
 
-BEFORE, AFTER, MEASURED, NOISE = "#d55e00", "#0072b2", "#333333", "#8a8a8a"
+BEFORE, AFTER, REFITTED, MEASURED, NOISE = "#d55e00", "#0072b2", "#009e73", "#333333", "#8a8a8a"
 """Nominal model, with the causes, what was recorded, and the noise floor."""
 
 VERDICT_COLOURS = {

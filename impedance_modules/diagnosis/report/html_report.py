@@ -50,6 +50,11 @@ SEEN = (
     " would have been found."
 )
 
+HOW_LARGE = (
+    "After: with the named causes alone, as the patch has them. Refitted: with links, weights and stamps too, as fitted"
+    " beside them within their stated deviations; no patch holds those."
+)
+
 SWALLOWED = (
     "Masses, inertias and stamps are not known exactly; within a stated deviation the fit may change them, and that is"
     " no finding."
@@ -206,12 +211,13 @@ def _jitter(share: float | None) -> str:
 
 def _how_large(gap: dict[str, Any]) -> str:
     rows = [
-        [g["joint"], g["residual"], *(number(g[key]) for key in ("before", "after", "noise_floor")), g["unit"],
-         percent(g["shrink"])]
+        [g["joint"], g["residual"], *(number(g[key]) for key in ("before", "after", "refitted", "noise_floor")),
+         g["unit"], percent(g["shrink"])]
         for g in gap["per_port"]
     ]  # fmt: skip
-    head = ("joint", "residual", "before", "after", "noise", "unit", "shrink")
-    return section("How large", bars(gap["per_port"]), table(head, rows, numbers=(2, 3, 4, 6)))
+    head = ("joint", "residual", "before", "after", "refitted", "noise", "unit", "shrink")
+    listed = table(head, rows, numbers=(2, 3, 4, 5, 7))
+    return section("How large", paragraph(HOW_LARGE), bars(gap["per_port"]), listed)
 
 
 def _where(answer: dict[str, Any]) -> str:

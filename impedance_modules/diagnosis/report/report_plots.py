@@ -16,6 +16,7 @@ from impedance_modules.diagnosis.report.html_elements import (
     BEFORE,
     MEASURED,
     NOISE,
+    REFITTED,
     bullets,
     drawing,
     gallery,
@@ -43,6 +44,9 @@ def bars(gaps: Sequence[dict[str, Any]]) -> str:
         ("after", AFTER, 0.2, "after"),
     ):
         axes.barh(place + shift, [gap[key] for gap in gaps], 0.38, color=colour, label=label)
+    axes.plot(
+        [gap["refitted"] for gap in gaps], place + 0.2, "|", color=REFITTED, markersize=9, label="refitted"
+    )
     for row, gap in enumerate(gaps):
         axes.plot([gap["noise_floor"]] * 2, [row - 0.42, row + 0.42], color="black", linewidth=1.2)
     axes.plot([], [], color="black", linewidth=1.2, label="noise floor")
@@ -52,11 +56,11 @@ def bars(gaps: Sequence[dict[str, Any]]) -> str:
     axes.invert_yaxis()
     axes.set_xlabel("rms of the held-out residual")
     axes.legend(fontsize=7, loc="best")
-    return drawing(figure, "How large the gap is, held out: before and after, and the noise.")
+    return drawing(figure, "How large the gap is, held out: before, after, refitted, and the noise.")
 
 
 def over_time(series: Sequence[ResidualSeries]) -> str:
-    """One figure per joint: its residuals before and after in the first held-out recording."""
+    """One figure per joint: its residuals before, after and refitted in the first held-out recording."""
     first = [item for item in series if item.episode == series[0].episode]
     figures = []
     for joint in dict.fromkeys(item.joint for item in first):
@@ -66,12 +70,17 @@ def over_time(series: Sequence[ResidualSeries]) -> str:
             _draw(axes, item)
         figure.axes[0].legend(loc="upper right", fontsize=7)
         figure.axes[-1].set_xlabel(f"time in {item.episode} [s]")
-        figures.append(drawing(figure, f"{joint}: residual before and after."))
+        figures.append(drawing(figure, f"{joint}: residual before, after and refitted."))
     return gallery(figures)
 
 
 def _draw(axes: Axes, item: ResidualSeries) -> None:
-    for values, colour, label in ((item.before, BEFORE, "before"), (item.after, AFTER, "after")):
+    curves = (
+        (item.before, BEFORE, "before"),
+        (item.after, AFTER, "after"),
+        (item.refitted, REFITTED, "refitted"),
+    )
+    for values, colour, label in curves:
         time, drawn = thinned(item.time, values)
         axes.plot(time, drawn, color=colour, linewidth=0.8, label=label)
     axes.axhline(0.0, color=NOISE, linewidth=0.5)
