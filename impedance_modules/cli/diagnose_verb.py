@@ -282,11 +282,11 @@ def _rollouts(found: Diagnosis) -> Table:
     rollout = found.rollout
     title = f"simulated again, {rollout.windows} x {rollout.window:g} s: rms error of position"
     table = Table(title=title)
-    for name in ("joint", "before", "after", "noise", "unit", "shrink"):
+    for name in ("joint", "before", "after", "refitted", "noise", "unit", "shrink"):
         table.add_column(name, justify="left" if name in ("joint", "unit") else "right")
     for joint, drift in rollout.position.items():
         shrink = _percent(drift.shrink, found)
-        numbers = (f"{x:.3g}" for x in (drift.before, drift.after, drift.noise_floor))
+        numbers = (f"{x:.3g}" for x in (drift.before, drift.after, drift.refitted, drift.noise_floor))
         table.add_row(joint, *numbers, drift.unit, shrink)
     return table
 

@@ -350,13 +350,15 @@ class RolloutError:
     """Rms error of one joint's rollouts in one quantity, over all windows.
 
     Attributes:
-        before, after: Of the nominal plant, and of the plant with the causes; in ``unit``.
+        before, after: Of the nominal plant, and of the plant with the causes alone; in ``unit``.
+        refitted: With links and weights as fitted beside the causes, too.
         noise_floor: Error from initial states and repetition alone.
         unit: rad, rad/s, m or m/s.
     """
 
     before: float
     after: float
+    refitted: float
     noise_floor: float
     unit: str
 

@@ -21,7 +21,7 @@ from impedance_modules.diagnosis.model_selection.push_forces import (
     hat_functions,
     steady_gain,
 )
-from impedance_modules.diagnosis.result import Cause, JointGap, Remainder, Rival
+from impedance_modules.diagnosis.result import Cause, Remainder, Rival
 from impedance_modules.effects.catalogue import CATALOGUE
 
 RIVAL = Rival("torque_offset", ("elbow",), "fits as well")
@@ -73,19 +73,6 @@ def test_on_a_weak_floor_more_power_may_be_left(ratio, weak, passes) -> None:
 def structures(words: str) -> tuple[RemainingStructure, ...]:
     """One structure of the first group, or none."""
     return (RemainingStructure(1.5, words, 0),) if words else ()
-
-
-def gap(before: float, after: float, floor: float) -> JointGap:
-    return JointGap("elbow", "link", before, after, floor, "N.m")
-
-
-def test_the_shrink_adds_squares_in_units_of_each_floor() -> None:
-    gaps = [gap(5.0, 2.0, 1.0), gap(0.6, 0.3, 0.1), gap(0.9, 4.0, 1.0)]
-    start, left = (25.0 - 1.0) + (36.0 - 1.0), (4.0 - 1.0) + (9.0 - 1.0)
-    assert conclusion._shrink(gaps) == pytest.approx(1.0 - np.sqrt(left / start))
-    assert conclusion._shrink([gap(5.0, 0.5, 1.0)]) == 1.0
-    assert conclusion._shrink([gap(1.0, 0.5, 1.0)]) is None
-    assert conclusion._shrink([]) is None
 
 
 def test_one_effect_on_several_joints_is_one_cause() -> None:
@@ -520,10 +507,9 @@ def test_noise_is_a_mean_square_over_the_held_out_recordings() -> None:
 
 
 def test_excess_power_is_counted_in_each_residuals_own_noise() -> None:
-    rms = {None: np.array([5.0, 1.0, 0.5]), "fit": np.array([3.0, 1.0, 0.1])}
-    own = SimpleNamespace(rms=lambda fit: rms[fit], heldout_noise=np.array([3.0, 0.5, 0.2]))
-    assert Evidence.excess(own, None) == pytest.approx(16.0 / 9.0 + 3.0 + 5.25)
-    assert Evidence.excess(own, "fit") == pytest.approx(3.0)
+    own = SimpleNamespace(heldout_noise=np.array([3.0, 0.5, 0.2]))
+    assert Evidence.excess(own, np.array([5.0, 1.0, 0.5])) == pytest.approx(16.0 / 9.0 + 3.0 + 5.25)
+    assert Evidence.excess(own, np.array([3.0, 1.0, 0.1])) == pytest.approx(3.0)
 
 
 def test_excess_torque_is_counted_in_the_mean_noise_of_a_residuals_joints() -> None:

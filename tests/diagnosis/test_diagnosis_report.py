@@ -261,7 +261,9 @@ def test_thinning_loses_no_peak() -> None:
 def test_octaves_add_up_to_the_whole() -> None:
     time = np.arange(2000) / 50.0
     tone = np.sin(2.0 * np.pi * 3.0 * time)
-    item = ResidualSeries("j", "link", "N.m", "run", time, 0.0 * time, tone, 0.5 * tone, ("slow",) * 2000)
+    item = ResidualSeries(
+        "j", "link", "N.m", "run", time, 0.0 * time, tone, 0.5 * tone, 0.1 * tone, ("slow",) * 2000
+    )
     found = spectrum_object([item])
     before, after = (np.array(found["per_port"][0][side]) for side in ("before", "after"))
     assert np.sqrt(np.sum(before**2)) == pytest.approx(np.sqrt(0.5), rel=0.02)

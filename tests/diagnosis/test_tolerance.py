@@ -215,13 +215,13 @@ def test_a_push_is_small_by_its_torque_while_it_lasts(force: float, small: bool,
 @pytest.mark.parametrize(("left", "noise", "verdict"), [(0.07, 0.02, "no_gap"), (0.09, 0.02, "unexplained")])
 def test_what_remains_may_be_small_as_well(left: float, noise: float, verdict: str) -> None:
     found = diagnosis(verdict="unexplained", explained=False)
-    near = {"hinge": RolloutError(0.03, 0.025, noise, "rad")}
+    near = {"hinge": RolloutError(0.03, 0.028, 0.025, noise, "rad")}
     found = replace(found, rollout=replace(found.rollout, position=near))
     assert set_small_aside(found, evidence(0.0, left), 0.01).verdict == verdict
     # Noise is no gap, however large it is beside the range.
     assert set_small_aside(found, evidence(0.0, left, noise=0.5), 0.01).verdict == verdict
     far = replace(
-        found, rollout=replace(found.rollout, position={"hinge": RolloutError(0.2, 0.2, noise, "rad")})
+        found, rollout=replace(found.rollout, position={"hinge": RolloutError(0.2, 0.2, 0.2, noise, "rad")})
     )
     assert set_small_aside(far, evidence(0.0, left), 0.01).verdict == "unexplained"
 
@@ -239,7 +239,7 @@ def test_small_remainders_of_velocities_alone_change_no_simulated_motion(
 ) -> None:
     """A logger's own filter of the velocities was an alarm wherever the simulated motion was not perfect."""
     found = unexplained_at(*((residual, "hinge") for residual in residuals))
-    far = replace(found.rollout, position={"hinge": RolloutError(0.2, 0.2, 0.02, "rad")})
+    far = replace(found.rollout, position={"hinge": RolloutError(0.2, 0.2, 0.2, 0.02, "rad")})
     found = replace(found, rollout=far)
     seen = evidence(0.0, left)
     seen.design.groups = (("velocity", 0),)
@@ -265,9 +265,9 @@ def test_ranges_are_over_all_recordings_and_of_the_residual_s_own_quantity() -> 
     np.testing.assert_allclose(ranges(items, [("link", 0), ("velocity", 0)]), [8.0, 5.0])
 
 
-@pytest.mark.parametrize(("after", "near"), [(0.99 * DRIFT, True), (1.01 * DRIFT, False)])
-def test_motion_stays_near_within_its_noise(after: float, near: bool) -> None:
-    rollout = SimpleNamespace(position={"hinge": RolloutError(9.0, after, 1.0, "rad")})
+@pytest.mark.parametrize(("refitted", "near"), [(0.99 * DRIFT, True), (1.01 * DRIFT, False)])
+def test_motion_stays_near_within_its_noise(refitted: float, near: bool) -> None:
+    rollout = SimpleNamespace(position={"hinge": RolloutError(9.0, 8.0, refitted, 1.0, "rad")})
     assert stays_near(rollout, {"hinge": 0.0}) is near
     # As near as a stated share of its own motion is near enough, whatever the noise; other joints are not judged.
     assert stays_near(rollout, {"hinge": 1.02 * DRIFT}) and stays_near(rollout, {})
@@ -289,11 +289,11 @@ def test_what_lasts_for_a_moment_is_judged_while_it_lasts(moment: float, counts:
     assert set_small_aside(found, seen, 0.01).verdict == verdict
 
 
-@pytest.mark.parametrize(("after", "near"), [(0.0099, True), (0.0101, False)])
+@pytest.mark.parametrize(("refitted", "near"), [(0.0099, True), (0.0101, False)])
 @pytest.mark.parametrize("remains", ["hinge", "", "elsewhere"])
-def test_a_share_of_the_motion_is_near_at_the_joints_where_something_remains(after, near, remains) -> None:
+def test_a_share_of_the_motion_is_near_at_the_joints_where_something_remains(refitted, near, remains) -> None:
     """The joint moves by 1 rad; where nothing is known to remain, all joints count."""
-    position = {"hinge": RolloutError(0.02, after, 0.001, "rad")}
+    position = {"hinge": RolloutError(0.02, 0.015, refitted, 0.001, "rad")}
     failing = frozenset({("link", remains)} if remains else ())
 
     def judged(found: Diagnosis, seen: SimpleNamespace) -> str:

@@ -208,7 +208,7 @@ def stays_near(rollout: Rollout, near: Mapping[str, float]) -> bool:
         near: Joint that is judged -> error that counts as near, whatever the noise [rad or m].
     """
     return all(
-        drift.after <= max(DRIFT * drift.noise_floor, near[joint])
+        drift.refitted <= max(DRIFT * drift.noise_floor, near[joint])
         for joint, drift in rollout.position.items()
         if joint in near
     )

@@ -281,6 +281,7 @@ def _drift(drift: RolloutError) -> dict[str, Any]:
     return {
         "before": drift.before,
         "after": drift.after,
+        "refitted": drift.refitted,
         "noise_floor": drift.noise_floor,
         "unit": drift.unit,
         "shrink": drift.shrink,

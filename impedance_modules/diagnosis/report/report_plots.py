@@ -186,12 +186,16 @@ def rollout_section(rollout: dict[str, Any], traces: Sequence[RolloutTrace]) -> 
 
 def _errors(rollout: dict[str, Any]) -> str:
     rows = [
-        [joint, quantity, *(number(found[key]) for key in ("before", "after", "noise_floor")), found["unit"],
-         percent(found["shrink"])]
+        [joint, quantity, *(number(found[key]) for key in ("before", "after", "refitted", "noise_floor")),
+         found["unit"], percent(found["shrink"])]
         for joint, both in rollout["per_joint"].items()
         for quantity, found in both.items()
     ]  # fmt: skip
-    return table(("joint", "of", "before", "after", "noise", "unit", "shrink"), rows, numbers=(2, 3, 4, 6))
+    return table(
+        ("joint", "of", "before", "after", "refitted", "noise", "unit", "shrink"),
+        rows,
+        numbers=(2, 3, 4, 5, 7),
+    )
 
 
 def _figures(rollout: dict[str, Any], traces: Sequence[RolloutTrace]) -> list[str]:

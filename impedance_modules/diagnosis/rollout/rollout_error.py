@@ -53,10 +53,14 @@ GROWTH_EVERY = 4
 
 @dataclass(frozen=True, eq=False)
 class BeforeAfter:
-    """Errors before and after, and the floors (n,) of position and velocity."""
+    """Errors before, with the causes alone, and with links and weights refitted beside them; floors (n,) of both.
+
+    The floors are those of position and velocity.
+    """
 
     before: WindowErrors
     after: WindowErrors
+    refitted: WindowErrors
     floors: tuple[Array, Array]
 
 
@@ -72,12 +76,14 @@ def summarise(  # noqa: PLR0917 - all of them are the outcome
     """Puts the result of all rollouts together."""
     first = [rms(outcome.before.position), rms(outcome.before.velocity)]
     last = [rms(outcome.after.position), rms(outcome.after.velocity)]
+    refitted = [rms(outcome.refitted.position), rms(outcome.refitted.velocity)]
     bodies = evidence.prepared[0].tree.bodies
     errors = [
         {
             body.joint: RolloutError(
                 float(first[k][i]),
                 float(last[k][i]),
+                float(refitted[k][i]),
                 float(outcome.floors[k][i]),
                 ("m" if body.prismatic else "rad") + ("/s" if k else ""),
             )
@@ -85,7 +91,7 @@ def summarise(  # noqa: PLR0917 - all of them are the outcome
         }
         for k in range(2)
     ]
-    scales = error_scales(outcome.after, outcome.floors)
+    scales = error_scales(outcome.refitted, outcome.floors)
     every = range(len(bodies))
     names = dict.fromkeys(evidence.prepared[window.recording].log.name for window in windows)
     return Rollout(
@@ -98,7 +104,7 @@ def summarise(  # noqa: PLR0917 - all of them are the outcome
         velocity=errors[1],
         growth=_growth(outcome, [body.joint for body in bodies]),
         shrink=total_shrink(first, last, outcome.floors),
-        whole=judge(power(outcome.before, scales, every), power(outcome.after, scales, every)),
+        whole=judge(power(outcome.before, scales, every), power(outcome.refitted, scales, every)),
         causes=verdicts,
         left_out=left_out,
         traces=tuple(_trace(evidence, windows, outcome, i) for i in range(len(bodies))),

@@ -71,11 +71,13 @@ class _RolloutSet:
     def fitted(self) -> FittedNuisance:
         return fitted_nuisance(self.evidence)
 
-    def floors(self, after: WindowErrors, effects: Sequence[EffectSpec]) -> tuple[str, tuple[Array, Array]]:
+    def floors(
+        self, refitted: WindowErrors, effects: Sequence[EffectSpec]
+    ) -> tuple[str, tuple[Array, Array]]:
         """Source of the noise floors, and those of position and velocity (n,): repeats, else the initial states."""
         common = common_windows(self.windows, self.pairs)
         if common:
-            return "repeats", self._repeated(after, common)
+            return "repeats", self._repeated(refitted, common)
         windows = floor_windows(self.evidence.prepared, self.pairs)
         if windows:
             (apart,) = self.simulate([Simulation(tuple(effects), self.fitted, windows)])
@@ -83,7 +85,7 @@ class _RolloutSet:
         held = [self.evidence.prepared[index] for index in self.evidence.heldout]
         perturbed = apply_causes(self.robot.spec, (), self.fitted, self.robot.tree)
         return "weak", floor_of_seeds(
-            held, after.time, None if self.robot.drive == "command" else perturbed.squared_mobility
+            held, refitted.time, None if self.robot.drive == "command" else perturbed.squared_mobility
         )
 
     @staticmethod
@@ -155,12 +157,12 @@ def _compared(runs: _RolloutSet, causes: Sequence[Cause], known_effects: Sequenc
     chosen = {key: spec for key, spec in specs.items() if spec in kept}
     try:
         chosen, refused = _able(runs, base, chosen)
-        before, after, *without = runs.simulate(_simulations(runs, base, chosen))
-        floor, floors = runs.floors(after, (*base, *chosen.values()))
-        verdicts = _verdicts(runs, chosen, after, floors, without)
+        before, after, refitted, *without = runs.simulate(_simulations(runs, base, chosen))
+        floor, floors = runs.floors(refitted, (*base, *chosen.values()))
+        verdicts = _verdicts(runs, chosen, refitted, floors, without)
     except ImpedanceError as error:
         return no_rollout(LeftOut("all recordings", _reason(error)))
-    outcome = BeforeAfter(before, after, floors)
+    outcome = BeforeAfter(before, after, refitted, floors)
     return summarise(
         runs.evidence, drive, runs.windows, outcome, floor, verdicts, (*left_out, *dropped, *refused)
     )
@@ -185,11 +187,12 @@ def _able(
 def _simulations(
     runs: _RolloutSet, base: Sequence[EffectSpec], chosen: Mapping[tuple[str, str], EffectSpec]
 ) -> list[Simulation]:
-    """The simulations without causes, with all of them, and with all but each one on some of the windows."""
+    """The simulations without causes, with them alone, refitted too, and so but for each one on some of the windows."""
     nominal = no_nuisance(runs.robot.tree)
     some = runs.windows[:: _step(chosen)]
     return [
         Simulation(tuple(base), nominal, runs.windows),
+        Simulation((*base, *chosen.values()), nominal, runs.windows),
         Simulation((*base, *chosen.values()), runs.fitted, runs.windows),
         *(
             Simulation((*base, *(other for name, other in chosen.items() if name != key)), runs.fitted, some)
@@ -206,14 +209,14 @@ def _step(chosen: Mapping[tuple[str, str], EffectSpec]) -> int:
 def _verdicts(
     runs: _RolloutSet,
     chosen: Mapping[tuple[str, str], EffectSpec],
-    after: WindowErrors,
+    refitted: WindowErrors,
     floors: tuple[Array, Array],
     without: Sequence[WindowErrors],
 ) -> dict[tuple[str, str], CauseRollout]:
     """Compares all causes with all but one, for each cause, on the same windows."""
     every = _step(chosen)
-    scales = error_scales(after, floors)
-    thinned = WindowErrors(after.time, after.position[::every], after.velocity[::every])
+    scales = error_scales(refitted, floors)
+    thinned = WindowErrors(refitted.time, refitted.position[::every], refitted.velocity[::every])
     names = runs.robot.tree.joints
     out = {}
     for (key, spec), left in zip(chosen.items(), without, strict=True):
