@@ -32,7 +32,8 @@ class Diagnosis:
 
     ``tolerance`` is the share of joints' torque ranges within which a gap does not matter; ``small`` are the causes of
     a gap that is within it and changes no simulated motion, most explaining first. They are in no patch.
-    ``swallowed`` is what was fitted within priors beside the causes; None without a fit.
+    ``swallowed`` is what was fitted within priors beside the causes; None without a fit. ``shrink`` is the gap's by the
+    named causes alone, ``refitted_shrink`` with links, weights and stamps fitted beside them; None without a gap.
     """
 
     verdict: str
@@ -53,6 +54,7 @@ class Diagnosis:
     tolerance: float = 0.0
     small: tuple[Cause, ...] = ()
     swallowed: Swallowed | None = None
+    refitted_shrink: float | None = None
 
     @property
     def exit_code(self) -> int:

@@ -39,14 +39,15 @@ def with_held_out_gap(found: Diagnosis, evidence: Evidence, model: NominalModel)
     return replace(
         found,
         gaps=gaps,
-        shrink=total_shrink(gaps),
+        shrink=total_shrink(gaps, [gap.after for gap in gaps]),
+        refitted_shrink=total_shrink(gaps, [gap.refitted for gap in gaps]),
         causes=measured(found.causes),
         small=measured(found.small),
         series=held_out_series(evidence, model, named),
     )
 
 
-def total_shrink(gaps: Sequence[JointGap]) -> float | None:
+def total_shrink(gaps: Sequence[JointGap], after: Sequence[float]) -> float | None:
     r"""The gap's shrink over all residuals g, squares summed in units of each noise floor; None without a gap.
 
         1 - sqrt(sum_g max(0, after_g^2 / floor_g^2 - 1) / sum_g max(0, before_g^2 / floor_g^2 - 1))
@@ -54,7 +55,7 @@ def total_shrink(gaps: Sequence[JointGap]) -> float | None:
     Residuals that were within their noise before count as far as the causes lift them out of it.
     """  # fmt: skip
     start = sum(max(0.0, gap.before**2 / gap.noise_floor**2 - 1.0) for gap in gaps)
-    left = sum(max(0.0, gap.after**2 / gap.noise_floor**2 - 1.0) for gap in gaps)
+    left = sum(max(0.0, rms**2 / gap.noise_floor**2 - 1.0) for rms, gap in zip(after, gaps, strict=True))
     return None if start <= 0.0 else 1.0 - float(np.sqrt(left / start))
 
 

@@ -61,6 +61,7 @@ def diagnosis_object(diagnosis: Diagnosis) -> dict[str, Any]:
                 for g in diagnosis.gaps
             ],
             "shrink": _number(diagnosis.shrink),
+            "refitted_shrink": _number(diagnosis.refitted_shrink),
             "rollout": rollout_object(diagnosis.rollout),
             "spectrum": spectrum_object(diagnosis.series),
         },

@@ -160,6 +160,7 @@ def _head(answer: dict[str, Any]) -> str:
         ("likeliest cause", "none" if first is None else first["effect"]),
         ("on", "-" if first is None else ", ".join(first["joints"] or first["parameters"])),
         ("torque gap closed, held out", percent(answer["gap"]["shrink"])),
+        ("with links and stamps refitted", percent(answer["gap"].get("refitted_shrink"))),
         ("motion gap closed, simulated", percent(answer["gap"]["rollout"].get("shrink"))),
     ]
     boxes = "".join(
