@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from impedance_modules.diagnosis.result import Cause, Diagnosis, JointGap
+    from impedance_modules.diagnosis.gap_result import JointGap
+from impedance_modules.diagnosis.result import Cause, Diagnosis
 
 PATH = click.Path(path_type=Path)
 

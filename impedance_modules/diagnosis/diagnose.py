@@ -56,14 +56,9 @@ from impedance_modules.diagnosis.residuals.contact_mask import (
 )
 from impedance_modules.diagnosis.residuals.gap_mask import gap_note
 from impedance_modules.diagnosis.residuals.preparation import Prepared, prepare
-from impedance_modules.diagnosis.result import (
-    DEFAULT_TOLERANCE,
-    Diagnosis,
-    LeftOut,
-    Remainder,
-    no_rollout,
-)
+from impedance_modules.diagnosis.result import DEFAULT_TOLERANCE, Diagnosis, Remainder
 from impedance_modules.diagnosis.rollout.rollout_stage import with_rollouts
+from impedance_modules.diagnosis.rollout_result import LeftOut, no_rollout
 from impedance_modules.effects.catalogue import not_searched
 from impedance_modules.episode.data import Episode
 from impedance_modules.spec.patch_file import EffectSpec

@@ -18,13 +18,14 @@ from rerun.chunk import RrdReader
 
 from impedance_modules.cli.next_commands import Asked, next_commands
 from impedance_modules.diagnosis.diagnose import insufficient
+from impedance_modules.diagnosis.gap_result import ResidualSeries
 from impedance_modules.diagnosis.model_selection.probability import LAW
 from impedance_modules.diagnosis.report.diagnosis_files import diagnosis_object, spectrum_object
 from impedance_modules.diagnosis.report.html_causes import cause_sections, likeliest
 from impedance_modules.diagnosis.report.html_elements import number, percent, table
 from impedance_modules.diagnosis.report.html_report import html_report
 from impedance_modules.diagnosis.report.report_plots import thinned
-from impedance_modules.diagnosis.result import Grounds, ResidualSeries
+from impedance_modules.diagnosis.result import Grounds
 from impedance_modules.episode.residual_view import ResidualCurves
 from impedance_modules.episode.run_folder import episode_paths, the_episode
 from impedance_modules.errors import BadInput

@@ -11,7 +11,6 @@ import pytest
 from impedance_modules.diagnosis.data.nominal_model import model_of_urdf
 from impedance_modules.diagnosis.data.rigid_tree import read_tree
 from impedance_modules.diagnosis.report.diagnosis_files import rollout_object
-from impedance_modules.diagnosis.result import LeftOut, no_rollout
 from impedance_modules.diagnosis.rollout.rollout_error import floor_of_repeats, judge, total_shrink
 from impedance_modules.diagnosis.rollout.simulated_robot import (
     apply_causes,
@@ -19,6 +18,7 @@ from impedance_modules.diagnosis.rollout.simulated_robot import (
     no_nuisance,
     robot_of_model,
 )
+from impedance_modules.diagnosis.rollout_result import LeftOut, no_rollout
 from impedance_modules.effects.joint_motion import JointHistory
 from impedance_modules.errors import BadInput
 from impedance_modules.plant.plant import Plant, PlantOptions

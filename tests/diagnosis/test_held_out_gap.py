@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from benchmarks.wide.promise import obtained
+from impedance_modules.diagnosis.gap_result import JointGap
 from impedance_modules.diagnosis.model_selection.held_out_gap import total_shrink
-from impedance_modules.diagnosis.result import JointGap
 from tests.diagnosis.test_diagnosis import answer, record
 
 POINTS = 0.05

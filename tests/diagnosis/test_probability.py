@@ -17,16 +17,8 @@ from impedance_modules.diagnosis.model_selection.probability import (
     with_probabilities,
 )
 from impedance_modules.diagnosis.report.diagnosis_files import diagnosis_object
-from impedance_modules.diagnosis.result import (
-    Cause,
-    CauseRollout,
-    Diagnosis,
-    Estimate,
-    Grounds,
-    Remainder,
-    Rival,
-    Standing,
-)
+from impedance_modules.diagnosis.result import Cause, Diagnosis, Estimate, Grounds, Remainder, Rival, Standing
+from impedance_modules.diagnosis.rollout_result import CauseRollout
 
 FOR = {"gain": (0.0, 1e5), "lead": (0.0, 1e4), "weight": (0.0, 1.0), "deviations": (0.0, 1e3)}
 AGAINST = {"lack_of_fit": (0.0, 100.0)}

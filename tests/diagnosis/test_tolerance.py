@@ -23,15 +23,8 @@ from impedance_modules.diagnosis.model_selection.tolerance import (
 )
 from impedance_modules.diagnosis.report.diagnosis_files import diagnosis_object
 from impedance_modules.diagnosis.report.html_causes import small_section
-from impedance_modules.diagnosis.result import (
-    Cause,
-    CauseRollout,
-    Diagnosis,
-    Estimate,
-    Remainder,
-    RolloutError,
-    no_rollout,
-)
+from impedance_modules.diagnosis.result import Cause, Diagnosis, Estimate, Remainder
+from impedance_modules.diagnosis.rollout_result import CauseRollout, RolloutError, no_rollout
 from tests.diagnosis.test_diagnosis import answer, record
 
 RANGE = 8.0

@@ -23,14 +23,8 @@ from impedance_modules.diagnosis.regression.candidates import Candidate
 from impedance_modules.diagnosis.regression.model_fit import ModelTerm
 from impedance_modules.diagnosis.regression.parameter_estimates import estimates
 from impedance_modules.diagnosis.residuals.preparation import Prepared
-from impedance_modules.diagnosis.result import (
-    Cause,
-    Diagnosis,
-    Estimate,
-    Remainder,
-    Rival,
-    no_rollout,
-)
+from impedance_modules.diagnosis.result import Cause, Diagnosis, Estimate, Remainder, Rival
+from impedance_modules.diagnosis.rollout_result import no_rollout
 from impedance_modules.effects.catalogue import CATALOGUE
 
 EXPLAINED_MIN, WEAK_FLOOR_LIMIT = 0.25, 6.0

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
+from impedance_modules.diagnosis.gap_result import GapLocation, ResidualSeries
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.residuals.preparation import Prepared
-from impedance_modules.diagnosis.result import GapLocation, ResidualSeries
 
 Mask = NDArray[np.bool_]
 

@@ -14,9 +14,10 @@ from dataclasses import replace
 import numpy as np
 
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
+from impedance_modules.diagnosis.gap_result import JointGap
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.model_selection.gap_location import held_out_series
-from impedance_modules.diagnosis.result import Cause, Diagnosis, JointGap
+from impedance_modules.diagnosis.result import Cause, Diagnosis
 
 
 def with_held_out_gap(found: Diagnosis, evidence: Evidence, model: NominalModel) -> Diagnosis:

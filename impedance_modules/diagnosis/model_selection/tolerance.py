@@ -31,7 +31,8 @@ from impedance_modules.diagnosis.model_selection.lack_of_fit import ALPHA, MOMEN
 from impedance_modules.diagnosis.model_selection.naming import SHARE_THAT_MATTERS, ranked_terms
 from impedance_modules.diagnosis.regression.candidates import Group
 from impedance_modules.diagnosis.residuals.preparation import Prepared
-from impedance_modules.diagnosis.result import Cause, Diagnosis, Remainder, Rollout
+from impedance_modules.diagnosis.result import Cause, Diagnosis, Remainder
+from impedance_modules.diagnosis.rollout_result import Rollout
 from impedance_modules.effects.external_contact import ExternalContact
 from impedance_modules.effects.residual_kinds import uses_motion
 

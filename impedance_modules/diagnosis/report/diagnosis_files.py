@@ -18,18 +18,10 @@ import numpy as np
 
 import impedance_modules
 from impedance_modules.arrays import Array
-from impedance_modules.diagnosis.result import (
-    Cause,
-    CauseRollout,
-    Diagnosis,
-    JointGap,
-    ResidualSeries,
-    Rival,
-    Rollout,
-    RolloutError,
-    Swallowed,
-)
+from impedance_modules.diagnosis.gap_result import JointGap, ResidualSeries
+from impedance_modules.diagnosis.result import Cause, Diagnosis, Rival, Swallowed
 from impedance_modules.diagnosis.rollout.patch_entry import patch_entry
+from impedance_modules.diagnosis.rollout_result import CauseRollout, Rollout, RolloutError
 from impedance_modules.effects.catalogue import CATALOGUE
 
 FORMAT = 1

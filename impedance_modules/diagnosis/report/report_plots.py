@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from impedance_modules.arrays import Array
+from impedance_modules.diagnosis.gap_result import ResidualSeries
 from impedance_modules.diagnosis.report.html_elements import (
     AFTER,
     BEFORE,
@@ -27,7 +28,7 @@ from impedance_modules.diagnosis.report.html_elements import (
     section,
     table,
 )
-from impedance_modules.diagnosis.result import ResidualSeries, RolloutTrace
+from impedance_modules.diagnosis.rollout_result import RolloutTrace
 from impedance_modules.plain_figures import plain_powers
 
 MOST_POINTS = 700

@@ -23,7 +23,8 @@ import numpy as np
 from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.residuals.preparation import Prepared
-from impedance_modules.diagnosis.result import (
+from impedance_modules.diagnosis.rollout.simulated_windows import WINDOW, RolloutWindow, WindowErrors
+from impedance_modules.diagnosis.rollout_result import (
     CauseRollout,
     ErrorGrowth,
     LeftOut,
@@ -31,7 +32,6 @@ from impedance_modules.diagnosis.result import (
     RolloutError,
     RolloutTrace,
 )
-from impedance_modules.diagnosis.rollout.simulated_windows import WINDOW, RolloutWindow, WindowErrors
 
 Mobility = Callable[[Array], Array] | None
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
-from impedance_modules.diagnosis.result import Cause, CauseRollout, Diagnosis, LeftOut, Rollout, no_rollout
+from impedance_modules.diagnosis.result import Cause, Diagnosis
 from impedance_modules.diagnosis.rollout.rollout_error import (
     BeforeAfter,
     error_scales,
@@ -44,6 +44,7 @@ from impedance_modules.diagnosis.rollout.simulated_windows import (
     held_out_windows,
 )
 from impedance_modules.diagnosis.rollout.simulation import RolloutRobot, Simulation, simulate
+from impedance_modules.diagnosis.rollout_result import CauseRollout, LeftOut, Rollout, no_rollout
 from impedance_modules.errors import BadFile, ImpedanceError
 from impedance_modules.spec.patch_file import EffectSpec
 from impedance_modules.worker_processes import OrderedMap, map_here

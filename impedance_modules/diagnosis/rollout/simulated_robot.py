@@ -29,8 +29,9 @@ from impedance_modules.diagnosis.regression.nuisance_columns import (
     WEIGHT_PRIOR,
     inertia_prior,
 )
-from impedance_modules.diagnosis.result import Cause, LeftOut
+from impedance_modules.diagnosis.result import Cause
 from impedance_modules.diagnosis.rollout.patch_entry import patch_entry
+from impedance_modules.diagnosis.rollout_result import LeftOut
 from impedance_modules.effects.apply import apply_patch, apply_to_plant
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.effect_description import Port
