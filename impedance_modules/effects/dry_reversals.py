@@ -41,6 +41,9 @@ do the constraints of simulators."""
 SHARP = 0.3
 """The one of them that laws of several numbers try: a softer sign than the true one changes their small numbers."""
 
+OF_REVERSALS = (PRESLIDING, PRESLIDING_EXPONENT, REGULARISATION)
+"""Symbols of a shape that belong to the reversals."""
+
 REFINED = (PRESLIDING, REGULARISATION)
 """Symbols that the regression moves off their grid."""
 
@@ -67,6 +70,16 @@ def with_reversal_shapes(
         ),
         *({**shape, REGULARISATION: multiple} for multiple in others for shape in shapes),
     )
+
+
+def of_reversals(shape: Shape) -> dict[str, float]:
+    """The part of a dry law's shape that says how its sign changes."""
+    return {symbol: float(value) for symbol, value in shape.items() if symbol in OF_REVERSALS}
+
+
+def without_reversals(shape: Shape) -> dict[str, float]:
+    """The other part: the law's own nonlinear numbers."""
+    return {symbol: float(value) for symbol, value in shape.items() if symbol not in OF_REVERSALS}
 
 
 def as_it_reverses(sample: JointSample, site: Site, shape: Shape) -> JointSample:

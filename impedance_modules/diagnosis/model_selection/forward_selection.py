@@ -25,6 +25,7 @@ from impedance_modules.diagnosis.model_selection.candidate_trial import Candidat
 from impedance_modules.diagnosis.model_selection.geared_start import geared_start_model
 from impedance_modules.diagnosis.model_selection.instruments import follows_load
 from impedance_modules.diagnosis.model_selection.plausibility import Plausibility
+from impedance_modules.diagnosis.model_selection.richer_laws import richer_laws
 from impedance_modules.diagnosis.model_selection.screening import Screening
 from impedance_modules.diagnosis.regression.design_matrix import ColumnLayout, Design
 from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm, term_of
@@ -307,6 +308,7 @@ class Selector:
         rivals = [
             self.trial(model_fit, entry.layout) for entry in best_of_each(self.screen.rank(model_fit), 3)
         ]
+        rivals += richer_laws(model_fit, term, self.refiner)
         better = max(self.refined(model_fit, rivals), key=penalised_gain, default=own)
         ahead = penalised_gain(better) - penalised_gain(own)
         simpler = self.plausibility.of_body(own) and better.term.layout.free < own.term.layout.free

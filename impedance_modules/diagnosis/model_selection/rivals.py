@@ -18,6 +18,7 @@ from impedance_modules.diagnosis.model_selection.acceptance import (
 from impedance_modules.diagnosis.model_selection.candidate_trial import CandidateTrial, refit, try_term
 from impedance_modules.diagnosis.model_selection.forward_selection import Selector
 from impedance_modules.diagnosis.model_selection.plausibility import CONTRAST_MIN
+from impedance_modules.diagnosis.model_selection.richer_laws import richer_laws
 from impedance_modules.diagnosis.regression.candidates import Candidate
 from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm, part_of
 from impedance_modules.diagnosis.regression.parameter_estimates import correlation_surplus
@@ -77,7 +78,10 @@ def judge_rivals(
         for layout in promising(selector.screen.rank(model_fit), ASKED)
         if layout.shaped.key not in held | {term.key}
     ]
-    for rival in selector.refined(model_fit, [selector.trial(model_fit, layout) for layout in asked]):
+    tried = [selector.trial(model_fit, layout) for layout in asked]
+    for rival in best_of_names(
+        selector.refined(model_fit, tried), richer_laws(model_fit, term, selector.refiner)
+    ):
         candidate = rival.term.candidate
         other = not same_name(candidate, term.candidate)
         reason = _lost(selector, own, rival, lead, decided)
@@ -97,6 +101,16 @@ def judge_rivals(
         lost=tuple(dict.fromkeys(lost)),
         standing=Standing(gain, gain - max(beaten)),
     )
+
+
+def best_of_names(trials: Sequence[CandidateTrial], more: Sequence[CandidateTrial]) -> list[CandidateTrial]:
+    """Some trials, with others of the same candidate in their place where these are likelier."""
+    best = {trial.term.key: trial for trial in trials}
+    for trial in more:
+        known = best.get(trial.term.key)
+        if known is None or penalised_gain(trial) > penalised_gain(known):
+            best[trial.term.key] = trial
+    return list(best.values())
 
 
 def same_name(one: Candidate, other: Candidate) -> bool:
@@ -150,9 +164,11 @@ def _equal(own: CandidateTrial, rival: CandidateTrial, lead: Lead, decided: floa
     """
     groups = own.term.groups
     mine, its = own.reach_on(groups), rival.reach_on(groups)
-    if mine <= 0.0 or (contains(rival, own) and not _alone(rival, own)):
+    if mine <= 0.0 or its <= 0.0 or penalised_gain(rival) <= 0.0:
         return False
-    return its > 0.0 and penalised_gain(rival) > 0.0 and lead(rival) < decided
+    if contains(rival, own) and not _alone(rival, own):
+        return lead(rival) < 0.0
+    return lead(rival) < decided
 
 
 def lead_of(own: CandidateTrial, beside: ModelFit, held_out: Likelihood) -> Lead:
