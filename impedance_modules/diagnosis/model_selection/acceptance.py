@@ -17,6 +17,10 @@ SAME_REACH = 0.95
 BIC_MIN = 15.0
 """Least improvement of the Bayesian information criterion."""
 
+DECIDED = 5.0
+"""Penalised log-likelihood by which a cause must lie ahead of a rival [nats]: odds of 150 to one, very strong evidence
+(Kass & Raftery 1995), of samples that are independent."""
+
 SPECIFIC = 8.0
 """Log-likelihood by which a generic regressor must beat a cause that is none [nats]."""
 

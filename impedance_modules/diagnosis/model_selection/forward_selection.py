@@ -12,6 +12,7 @@ import numpy as np
 
 from impedance_modules.diagnosis.model_selection.acceptance import (
     BIC_MIN,
+    DECIDED,
     best_of_each,
     bic_penalty,
     both_delay_torque,
@@ -29,7 +30,7 @@ from impedance_modules.diagnosis.model_selection.richer_laws import richer_laws
 from impedance_modules.diagnosis.model_selection.screening import Screening
 from impedance_modules.diagnosis.regression.design_matrix import ColumnLayout, Design
 from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm, term_of
-from impedance_modules.diagnosis.regression.parameter_estimates import beyond_simpler
+from impedance_modules.diagnosis.regression.parameter_estimates import beyond_simpler, correlation_surplus
 from impedance_modules.diagnosis.regression.shape_refinement import ShapeRefiner
 
 CAUSES_MAX = 30
@@ -235,6 +236,7 @@ class Selector:
     def simplest(self, model: Sequence[ModelTerm]) -> list[ModelTerm]:
         """Puts simpler laws on the same joints in the place of those whose further numbers may all be chance.
 
+        They are no less likely by what would decide between two causes.
         A spring of no stiffness for certain is an offset: both were found beside causes that are gone now. Before the
         elimination, too, which would leave nothing of a law that is only the wrong one of its kind.
         """
@@ -244,12 +246,14 @@ class Selector:
                 continue
             rest = self.model_fit([other for other in kept if other is not term])
             own = try_term(rest, term)
+            enough = penalised_gain(own) - DECIDED * correlation_surplus(refit(own), term.groups)
             simpler = [
                 trial
                 for trial in self.trials(rest)
                 if trial.term.key[1] == term.key[1]
                 and trial.term.layout.free < term.layout.free
                 and trial.reach_on(term.groups) >= ALMOST_ALL * own.reach_on(term.groups)
+                and penalised_gain(trial) > enough
                 and self.rejection_reason(trial) is None
             ]
             if simpler:
@@ -308,8 +312,9 @@ class Selector:
         rivals = [
             self.trial(model_fit, entry.layout) for entry in best_of_each(self.screen.rank(model_fit), 3)
         ]
-        rivals += richer_laws(model_fit, term, self.refiner)
         better = max(self.refined(model_fit, rivals), key=penalised_gain, default=own)
+        richer = self.refined(model_fit, richer_laws(model_fit, better.term, self.refiner))
+        better = max((better, *richer), key=penalised_gain)
         ahead = penalised_gain(better) - penalised_gain(own)
         simpler = self.plausibility.of_body(own) and better.term.layout.free < own.term.layout.free
         exchanged = ahead > (0.0 if simpler else BIC_MIN) and self.rejection_reason(better) is None

@@ -12,10 +12,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from impedance_modules.diagnosis.model_selection.acceptance import best_of_each
+from impedance_modules.diagnosis.model_selection.acceptance import DECIDED, best_of_each
 from impedance_modules.diagnosis.model_selection.candidate_trial import refit, try_term
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
-from impedance_modules.diagnosis.model_selection.rivals import ASKED, DECIDED, lead_of
+from impedance_modules.diagnosis.model_selection.rivals import ASKED, lead_of
 from impedance_modules.diagnosis.regression.model_fit import ModelTerm
 from impedance_modules.diagnosis.regression.parameter_estimates import correlation_surplus
 

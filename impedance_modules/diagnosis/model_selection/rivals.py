@@ -11,6 +11,7 @@ import numpy as np
 
 from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.model_selection.acceptance import (
+    DECIDED,
     bic_penalty,
     penalised_gain,
     promising,
@@ -27,10 +28,6 @@ from impedance_modules.effects.effect_description import Port
 
 ASKED = 20
 """Rivals that are tried beside each cause: friction alone has eight laws at two places."""
-
-DECIDED = 5.0
-"""Penalised log-likelihood by which a cause must lie ahead of a rival [nats]: odds of 150 to one, very strong evidence
-(Kass & Raftery 1995), of samples that are independent."""
 
 Likelihood = Callable[[ModelFit], Array]
 """(groups,) log-likelihood of held-out recordings under a model that was fitted without them [nats]."""
