@@ -91,6 +91,17 @@ def bic_penalty(trial: CandidateTrial) -> float:
     return float(0.5 * trial.term.layout.free * np.log(max(samples, 2.0)) + searched)
 
 
+def further_gain(richer: CandidateTrial, simpler: CandidateTrial) -> float:
+    """What a richer law gains beyond a simpler one that it contains, penalties of both included [nats].
+
+    It must gain it on unseen recordings and on all of them fitted together: the smaller difference counts. A number
+    that is chance gains half a nat in the fit, and by luck a few more where a fold is predicted badly.
+    """
+    unseen = richer.unseen_gain - simpler.unseen_gain
+    fitted = richer.in_sample.gain - simpler.in_sample.gain
+    return min(unseen, fitted) - (bic_penalty(richer) - bic_penalty(simpler))
+
+
 def rejection_reason(trial: CandidateTrial, generic: Sequence[CandidateTrial]) -> str | None:
     """Why a candidate is rejected; None if it passes."""
     gain = 2.0 * (trial.gain - bic_penalty(trial))

@@ -17,6 +17,7 @@ from impedance_modules.diagnosis.model_selection.acceptance import (
     bic_penalty,
     both_delay_torque,
     by_merit,
+    further_gain,
     penalised_gain,
     promising,
     rejection_reason,
@@ -246,14 +247,14 @@ class Selector:
                 continue
             rest = self.model_fit([other for other in kept if other is not term])
             own = try_term(rest, term)
-            enough = penalised_gain(own) - DECIDED * correlation_surplus(refit(own), term.groups)
+            decided = DECIDED * correlation_surplus(refit(own), term.groups)
             simpler = [
                 trial
                 for trial in self.trials(rest)
                 if trial.term.key[1] == term.key[1]
                 and trial.term.layout.free < term.layout.free
                 and trial.reach_on(term.groups) >= ALMOST_ALL * own.reach_on(term.groups)
-                and penalised_gain(trial) > enough
+                and further_gain(own, trial) < decided
                 and self.rejection_reason(trial) is None
             ]
             if simpler:

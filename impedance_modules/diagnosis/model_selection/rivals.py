@@ -13,6 +13,7 @@ from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.model_selection.acceptance import (
     DECIDED,
     bic_penalty,
+    further_gain,
     penalised_gain,
     promising,
 )
@@ -164,7 +165,7 @@ def _equal(own: CandidateTrial, rival: CandidateTrial, lead: Lead, decided: floa
     if mine <= 0.0 or its <= 0.0 or penalised_gain(rival) <= 0.0:
         return False
     if contains(rival, own) and not _alone(rival, own):
-        return lead(rival) < 0.0
+        return further_gain(rival, own) > 0.0 and lead(rival) < 0.0
     return lead(rival) < decided
 
 
