@@ -314,13 +314,19 @@ class Selector:
             self.trial(model_fit, entry.layout) for entry in best_of_each(self.screen.rank(model_fit), 3)
         ]
         better = max(self.refined(model_fit, rivals), key=penalised_gain, default=own)
-        richer = self.refined(model_fit, richer_laws(model_fit, better.term, self.refiner))
-        better = max((better, *richer), key=penalised_gain)
         ahead = penalised_gain(better) - penalised_gain(own)
         simpler = self.plausibility.of_body(own) and better.term.layout.free < own.term.layout.free
         exchanged = ahead > (0.0 if simpler else BIC_MIN) and self.rejection_reason(better) is None
-        chosen = better.term if exchanged else self.refiner.refine(model_fit, term)
-        return [*model[:index], chosen, *model[index + 1 :]]
+        chosen = better if exchanged else self.moved(model_fit, own)
+        return [*model[:index], self._richer(chosen).term, *model[index + 1 :]]
+
+    def _richer(self, own: CandidateTrial) -> CandidateTrial:
+        """The likeliest law with more numbers that is ahead by what decides; where there is none, what came in."""
+        richer = self.refined(own.model_fit, richer_laws(own.model_fit, own.term, self.refiner))
+        decided = DECIDED * correlation_surplus(refit(own), own.term.groups) if richer else 0.0
+        ahead = [trial for trial in richer if further_gain(trial, own) > decided]
+        ahead = [trial for trial in ahead if self.rejection_reason(trial) is None]
+        return max(ahead, key=penalised_gain, default=own)
 
 
 def _moves(term: ModelTerm) -> bool:
