@@ -117,6 +117,12 @@ SEARCH = (
     Rule(
         "exchange", "each new cause may exchange those beside it", f"{_SEARCH}:Selector._exchange", _given(1)
     ),
+    Rule(
+        "richer",
+        "a law of dry friction with more numbers, as the accepted one reverses",
+        f"{_SEARCH}:Selector._richer",
+        lambda _, own: own,
+    ),
     Rule("merge-delays", "one delay for several lags", f"{_SEARCH}:merge_delays", _given(0)),
     Rule("elimination", "causes that no longer pass are removed", f"{_SEARCH}:eliminate_backward", _given(0)),
     Rule(

@@ -13,6 +13,7 @@ from impedance_modules.diagnosis.model_selection.acceptance import (
     bic_penalty,
     both_delay_torque,
     by_merit,
+    further_gain,
     promising,
     rejection_reason,
 )
@@ -261,6 +262,29 @@ def test_a_rival_without_evidence_for_itself_is_none(monkeypatch) -> None:
     for gain, equal in ((10.0, True), (0.0, False)):
         own = trial(gain=14.0)
         assert compared(trial("torque_offset", gain=gain), own, decided=50.0) is equal
+
+
+def fitted(unseen: float, in_sample: float, free: int) -> SimpleNamespace:
+    one = trial("coulomb_friction", free=free)
+    one.unseen_gain, one.in_sample = unseen, SimpleNamespace(**{**vars(one.in_sample), "gain": in_sample})
+    return one
+
+
+def test_further_numbers_gain_both_ways_or_not_at_all() -> None:
+    own = fitted(100.0, 101.0, 1)
+    cost = bic_penalty(fitted(0.0, 0.0, 3)) - bic_penalty(own)
+    assert cost > 0.0
+    assert further_gain(fitted(120.0, 111.0, 3), own) == pytest.approx(10.0 - cost)
+    assert further_gain(fitted(103.0, 141.0, 3), own) == pytest.approx(3.0 - cost)
+
+
+@pytest.mark.parametrize(
+    ("further", "behind", "equal"), [(0.1, 0.1, True), (-0.1, 0.1, False), (0.1, -0.1, False)]
+)
+def test_a_richer_law_is_no_other_name_unless_it_is_likelier(monkeypatch, further, behind, equal) -> None:
+    own, richer = trial("coulomb_friction"), trial("stribeck_friction", free=3)
+    monkeypatch.setattr(rivalry, "further_gain", lambda *_: further)
+    assert rivalry._equal(own, richer, lambda _: -behind, 5.0) is equal
 
 
 def test_a_richer_law_of_the_same_joint_contains_the_cause() -> None:
