@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from impedance_modules.diagnosis.model_selection import acceptance as criteria
 from impedance_modules.diagnosis.model_selection import rivals as rivalry
 from impedance_modules.diagnosis.model_selection.acceptance import (
     best_of_each,
@@ -270,12 +271,17 @@ def fitted(unseen: float, in_sample: float, free: int) -> SimpleNamespace:
     return one
 
 
-def test_further_numbers_gain_both_ways_or_not_at_all() -> None:
-    own = fitted(100.0, 101.0, 1)
+def test_further_numbers_gain_all_three_ways_or_not_at_all(monkeypatch) -> None:
+    own, anew = fitted(100.0, 101.0, 1), {1: 0.0, 3: 200.0}
+    monkeypatch.setattr(
+        criteria, "refit", lambda one: SimpleNamespace(log_likelihood=np.array([anew[one.term.layout.free]]))
+    )
     cost = bic_penalty(fitted(0.0, 0.0, 3)) - bic_penalty(own)
     assert cost > 0.0
     assert further_gain(fitted(120.0, 111.0, 3), own) == pytest.approx(10.0 - cost)
     assert further_gain(fitted(103.0, 141.0, 3), own) == pytest.approx(3.0 - cost)
+    anew[3] = 2.0
+    assert further_gain(fitted(120.0, 141.0, 3), own) == pytest.approx(2.0 - cost)
 
 
 @pytest.mark.parametrize(
