@@ -169,7 +169,7 @@ def named(effect: str, shrink: float | None, port: str = "link") -> Cause:
     return Cause(effect, ("right_w0",), port, numbers, 0.5, shrink, (), (), {}, {})
 
 
-@pytest.mark.parametrize(("together", "kept"), [(0.9, 2), (0.019, 1), (None, 1)])
+@pytest.mark.parametrize(("together", "kept"), [(0.9, 2), (0.001, 2), (0.0, 1), (-0.1, 1), (None, 1)])
 def test_what_helps_beside_the_others_is_in_the_patch(together: float | None, kept: int) -> None:
     """A small cause beside a loud joint's, or two that act against each other, shrink little or nothing alone."""
     causes = (named("torque_offset", 0.5), named("viscous_friction", -0.4))
@@ -178,7 +178,7 @@ def test_what_helps_beside_the_others_is_in_the_patch(together: float | None, ke
 
 
 def test_where_there_is_no_patch_the_reason_is_said() -> None:
-    push, useless = named("external_contact", None, "contact"), named("torque_offset", 0.01)
+    push, useless = named("external_contact", None, "contact"), named("torque_offset", -0.01)
     pushed = replace(diagnosis_with(push), shrink=0.9)
     assert patch_object(pushed) is None and "no property of the robot" in why_no_patch(pushed)
     unhelpful = diagnosis_with(useless)

@@ -29,9 +29,6 @@ FORMAT = 1
 EDGES = (0.0, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
 """Between octaves [Hz]."""
 
-SHRINK_MIN = 0.02
-"""A cause that shrinks the held-out gap by less alone is in the patch only if all causes together shrink it so far."""
-
 PATCHED = ("explained", "partly_explained", "ambiguous")
 """Verdicts with which a patch is written."""
 
@@ -317,14 +314,14 @@ def _octaves(time: Array, values: Array, edges: Sequence[float]) -> list[float]:
 def _in_patch(cause: Cause, together: float | None) -> bool:
     """Whether a cause has numbers that the format can hold, and shrinks the gap, alone or with the others.
 
-    Every named cause is one that held-out recordings need beside the others. Alone, one may be small beside the whole
-    gap, or enlarge it: a spring that holds against a lean of the base.
+    Every named cause is one that held-out recordings need beside the others. Alone, one may be small beside what links
+    that are not quite known make of the gap, or enlarge it: a spring that holds against a lean of the base.
     """
     values = [e.value for symbols in cause.parameters.values() for e in symbols.values()]
     finite = all(math.isfinite(value) and abs(value) < VALUE_MAX for value in values)
     if not finite or cause.shrink is None:
         return False
-    return max(cause.shrink, -math.inf if together is None else together) >= SHRINK_MIN
+    return max(cause.shrink, -math.inf if together is None else together) > 0.0
 
 
 def _effect(cause: Cause) -> dict[str, Any]:
