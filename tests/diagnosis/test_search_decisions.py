@@ -93,14 +93,15 @@ def test_what_is_removed_is_remembered_and_the_search_goes_on(monkeypatch: pytes
 
 
 @pytest.mark.parametrize(
-    ("stiff", "joint", "free", "reach", "reason", "taken"),
+    ("stiff", "joint", "free", "reach", "ahead", "reason", "taken"),
     [
-        (False, "elbow", 1, 1.0, None, "torque_offset"),
-        (True, "elbow", 1, 1.0, None, "parallel_spring"),
-        (False, "wrist", 1, 1.0, None, "parallel_spring"),
-        (False, "elbow", 2, 1.0, None, "parallel_spring"),
-        (False, "elbow", 1, 0.98, None, "parallel_spring"),
-        (False, "elbow", 1, 1.0, "helps nowhere", "parallel_spring"),
+        (False, "elbow", 1, 1.0, 9.9, None, "torque_offset"),
+        (True, "elbow", 1, 1.0, 9.9, None, "parallel_spring"),
+        (False, "wrist", 1, 1.0, 9.9, None, "parallel_spring"),
+        (False, "elbow", 2, 1.0, 9.9, None, "parallel_spring"),
+        (False, "elbow", 1, 0.98, 9.9, None, "parallel_spring"),
+        (False, "elbow", 1, 1.0, 10.1, None, "parallel_spring"),
+        (False, "elbow", 1, 1.0, 9.9, "helps nowhere", "parallel_spring"),
     ],
 )
 def test_a_simpler_law_on_the_same_joint_takes_the_place_of_one_with_numbers_that_may_be_chance(
@@ -110,10 +111,14 @@ def test_a_simpler_law_on_the_same_joint_takes_the_place_of_one_with_numbers_tha
     joint: str,
     free: int,
     reach: float,
+    ahead: float,
     reason: str | None,
     taken: str,
 ) -> None:
-    """A spring that was found beside a cause that is gone: its stiffness may be none, and an offset explains it."""
+    """A spring that was found beside a cause that is gone: its stiffness may be none, and an offset explains it.
+
+    It stays if it is ahead by 5 nats of samples of which two say as much as one.
+    """
 
     def trial(effect: str, joint: str, free: int, reach: float) -> SimpleNamespace:
         one = term(joint, 0, effect=effect)
@@ -125,6 +130,9 @@ def test_a_simpler_law_on_the_same_joint_takes_the_place_of_one_with_numbers_tha
     monkeypatch.setattr(forward_selection, "beyond_simpler", lambda fit, refiner, index: stiff or index == 0)
     monkeypatch.setattr(forward_selection, "try_term", lambda rest, one: own)
     monkeypatch.setattr(forward_selection, "penalised_gain", lambda one: 1.0)
+    monkeypatch.setattr(forward_selection, "refit", lambda one: one)
+    monkeypatch.setattr(forward_selection, "correlation_surplus", lambda refitted, groups: 2.0)
+    monkeypatch.setattr(forward_selection, "further_gain", lambda richer, simpler: ahead)
     selector = SimpleNamespace(
         model_fit=list, refiner=None, trials=lambda rest: [offset], rejection_reason=lambda one: reason
     )
@@ -149,8 +157,9 @@ def test_the_best_order_that_holds_elsewhere_explains(monkeypatch: pytest.Monkey
 def test_what_other_causes_hold_is_no_rival(monkeypatch: pytest.MonkeyPatch) -> None:
     """The others are tried in the cause's place; those that fit as well are named, those that do not have a reason.
 
-    The cause leads the best of these; one of which it is a special case does not count. The same effect at another
-    place is no other name: it is told as a place.
+    A richer law that fits best as the cause reverses is tried so. The cause leads the best of these; one of
+    which it is a special case does not count. The same effect at another place is no other name: it is told as
+    a place.
     """
     cause, other = term("elbow", 0), term("wrist", 1)
     offered = [term("elbow", 0, effect=effect) for effect in ("equal", "worse", "larger")] + [other, cause]
@@ -162,6 +171,9 @@ def test_what_other_causes_hold_is_no_rival(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(rivals, "penalised_gain", lambda trial: gains[trial.term.key])
     monkeypatch.setattr(rivals, "contains", lambda rival, own: rival.term.candidate.effect.id == "larger")
     monkeypatch.setattr(rivals, "promising", lambda ranked, count: ranked)
+    likelier = SimpleNamespace(term=term("elbow", 0, effect="richer"))
+    gains[likelier.term.key] = 20.0
+    monkeypatch.setattr(rivals, "richer_laws", lambda model_fit, own, refiner: [likelier])
     monkeypatch.setattr(rivals, "try_term", lambda model_fit, own: SimpleNamespace(term=own))
     asked: list[float] = []
 
@@ -182,13 +194,23 @@ def test_what_other_causes_hold_is_no_rival(monkeypatch: pytest.MonkeyPatch) -> 
         trial=lambda model_fit, layout: SimpleNamespace(term=layout.term),
         refined=lambda model_fit, trials: trials,
         unphysical=lambda rival: None,
+        refiner=None,
     )
     found = rivals.judge_rivals(selector, [cause, other], cause, lambda fit: 0.0)
     assert found.equal == (("equal", "elbow"),)
     assert found.elsewhere == ("sensor",)
-    assert found.lost == (("worse", "elbow"), ("larger", "elbow"))
+    assert found.lost == (("worse", "elbow"), ("larger", "elbow"), ("richer", "elbow"))
     assert found.standing == Standing(100.0, 70.0)
     assert set(asked) == {3.0 * rivals.DECIDED}
+
+
+def test_of_two_trials_of_one_candidate_the_likelier_one_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    coarse, fine, other = (SimpleNamespace(term=term(key, 0), gain=gain) for key, gain in
+                           (("elbow", 1.0), ("elbow", 2.0), ("wrist", 3.0)))  # fmt: skip
+    monkeypatch.setattr(rivals, "penalised_gain", lambda trial: trial.gain)
+    assert rivals.best_of_names([coarse, other], [fine]) == [fine, other]
+    assert rivals.best_of_names([fine, other], [coarse]) == [fine, other]
+    assert rivals.best_of_names([other], [coarse]) == [other, coarse]
 
 
 @pytest.mark.parametrize("undecided", [False, True])
