@@ -11,21 +11,17 @@ from impedance_modules.arrays import Array
 
 
 @dataclass(frozen=True)
-class JointGap:
-    """Held-out residual of one joint at one port.
+class GapSize:
+    """Rms of what recordings and model differ by.
 
     Attributes:
-        joint: Name.
-        residual: Which comparison: actuator, link, motor, whole, drive or velocity.
-        before: Rms of the nominal model, in ``unit``.
+        before: Of the nominal model, in ``unit``.
         after: Of it with the named causes alone, as a patch has them.
         refitted: With all causes, and links, weights and stamps as fitted beside them within their priors.
-        noise_floor: Of the noise.
-        unit: N.m, N or rad/s.
+        noise_floor: Of the noise; of simulated motion what initial states and repetition alone give.
+        unit: N.m, N, rad/s, rad, m or m/s.
     """
 
-    joint: str
-    residual: str
     before: float
     after: float
     refitted: float
@@ -36,6 +32,19 @@ class JointGap:
     def shrink(self) -> float | None:
         """Part of the excess over the noise that is gone; None where there was none before."""
         return shrink(self.before, self.after, self.noise_floor)
+
+
+@dataclass(frozen=True)
+class JointGap(GapSize):
+    """Held-out residual of one joint at one port.
+
+    Attributes:
+        joint: Name.
+        residual: Which comparison: actuator, link, motor, whole, drive or velocity.
+    """
+
+    joint: str
+    residual: str
 
 
 @dataclass(frozen=True)
@@ -85,4 +94,20 @@ def shrink(before: float, after: float, noise_floor: float) -> float | None:
     """
     start = before**2 - noise_floor**2
     left = max(0.0, after**2 - noise_floor**2)
+    return None if start <= 0.0 else 1.0 - float(np.sqrt(left / start))
+
+
+def total_shrink(before: Array, after: Array, floor: Array) -> float | None:
+    r"""Shrink over all residuals g, squares summed in units of each noise floor; None without a gap.
+
+        1 - sqrt(sum_g max(0, after_g^2 / floor_g^2 - 1) / sum_g max(0, before_g^2 / floor_g^2 - 1))
+
+    Residuals that were within their noise before count as far as the causes lift them out of it.
+
+    Args:
+        before: (groups,) rms without the causes, each group's in its own unit.
+        after: Likewise with them.
+        floor: Likewise of the noise.
+    """  # fmt: skip
+    start, left = (float(np.sum(np.clip((rms / floor) ** 2 - 1.0, 0.0, None))) for rms in (before, after))
     return None if start <= 0.0 else 1.0 - float(np.sqrt(left / start))

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from impedance_modules.arrays import Array
-from impedance_modules.diagnosis.gap_result import shrink
+from impedance_modules.diagnosis.gap_result import GapSize
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,27 +45,8 @@ class Rollout:
     traces: tuple[RolloutTrace, ...]
 
 
-@dataclass(frozen=True)
-class RolloutError:
-    """Rms error of one joint's rollouts in one quantity, over all windows.
-
-    Attributes:
-        before, after: Of the nominal plant, and of the plant with the causes alone; in ``unit``.
-        refitted: With links and weights as fitted beside the causes, too.
-        noise_floor: Error from initial states and repetition alone.
-        unit: rad, rad/s, m or m/s.
-    """
-
-    before: float
-    after: float
-    refitted: float
-    noise_floor: float
-    unit: str
-
-    @property
-    def shrink(self) -> float | None:
-        """Part of the excess over the noise that is gone; None where there was none before."""
-        return shrink(self.before, self.after, self.noise_floor)
+class RolloutError(GapSize):
+    """Rms error of one joint's rollouts in one quantity, over all windows."""
 
 
 @dataclass(frozen=True)

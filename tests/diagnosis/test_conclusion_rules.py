@@ -506,12 +506,6 @@ def test_noise_is_a_mean_square_over_the_held_out_recordings() -> None:
     assert Evidence.heldout_noise.func(own) == pytest.approx([np.sqrt(12.5), 1.0])
 
 
-def test_excess_power_is_counted_in_each_residuals_own_noise() -> None:
-    own = SimpleNamespace(heldout_noise=np.array([3.0, 0.5, 0.2]))
-    assert Evidence.excess(own, np.array([5.0, 1.0, 0.5])) == pytest.approx(16.0 / 9.0 + 3.0 + 5.25)
-    assert Evidence.excess(own, np.array([3.0, 1.0, 0.1])) == pytest.approx(3.0)
-
-
 def test_excess_torque_is_counted_in_the_mean_noise_of_a_residuals_joints() -> None:
     groups = (("link", 0), ("link", 1), ("velocity", 0))
     own = SimpleNamespace(

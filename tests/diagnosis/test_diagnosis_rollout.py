@@ -10,8 +10,9 @@ import pytest
 
 from impedance_modules.diagnosis.data.nominal_model import model_of_urdf
 from impedance_modules.diagnosis.data.rigid_tree import read_tree
+from impedance_modules.diagnosis.gap_result import total_shrink
 from impedance_modules.diagnosis.report.diagnosis_files import rollout_object
-from impedance_modules.diagnosis.rollout.rollout_error import floor_of_repeats, judge, total_shrink
+from impedance_modules.diagnosis.rollout.rollout_error import floor_of_repeats, judge
 from impedance_modules.diagnosis.rollout.simulated_robot import (
     apply_causes,
     body_changes,
@@ -156,9 +157,9 @@ def test_the_noise_floor_is_the_difference_of_repeats() -> None:
     pairs = [(i, i + 1) for i in range(0, 400, 2)]
     np.testing.assert_allclose(floor_of_repeats(errors, pairs), 0.1, rtol=0.1)
     floor = np.array([0.1, 0.1, 0.1])
-    assert total_shrink([5.0 * floor], [floor], [floor]) == 1.0
-    assert total_shrink([5.0 * floor], [5.0 * floor], [floor]) == 0.0
-    assert total_shrink([0.5 * floor], [floor], [floor]) is None
+    assert total_shrink(5.0 * floor, floor, floor) == 1.0
+    assert total_shrink(5.0 * floor, 5.0 * floor, floor) == 0.0
+    assert total_shrink(0.5 * floor, floor, floor) is None
 
 
 def test_links_are_adjusted_only_as_far_as_they_stay_physical(robot: Path) -> None:

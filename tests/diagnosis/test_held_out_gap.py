@@ -7,35 +7,29 @@ import numpy as np
 import pytest
 
 from benchmarks.wide.promise import obtained
-from impedance_modules.diagnosis.gap_result import JointGap
-from impedance_modules.diagnosis.model_selection.held_out_gap import total_shrink
+from impedance_modules.diagnosis.gap_result import total_shrink
 from tests.diagnosis.test_diagnosis import answer, record
 
 POINTS = 0.05
 """Between what is promised and what is obtained."""
 
 
-def gap(before: float, after: float, floor: float) -> JointGap:
-    return JointGap("elbow", "link", before, after, 0.5 * after, floor, "N.m")
-
-
-def shrink(gaps: list[JointGap]) -> float | None:
-    return total_shrink(gaps, [item.after for item in gaps])
+def shrink(*gaps: tuple[float, float, float]) -> float | None:
+    """Of residuals with an rms before and after, and a noise floor."""
+    return total_shrink(*np.reshape(gaps, (-1, 3)).T)
 
 
 def test_the_shrink_adds_squares_in_units_of_each_floor() -> None:
-    gaps = [gap(5.0, 2.0, 1.0), gap(0.6, 0.3, 0.1)]
     start, left = (25.0 - 1.0) + (36.0 - 1.0), (4.0 - 1.0) + (9.0 - 1.0)
-    assert shrink(gaps) == pytest.approx(1.0 - np.sqrt(left / start))
-    assert shrink([gap(5.0, 0.5, 1.0)]) == 1.0
-    assert shrink([gap(1.0, 0.5, 1.0)]) is None
-    assert shrink([]) is None
+    assert shrink((5.0, 2.0, 1.0), (0.6, 0.3, 0.1)) == pytest.approx(1.0 - np.sqrt(left / start))
+    assert shrink((5.0, 0.5, 1.0)) == 1.0
+    assert shrink((1.0, 0.5, 1.0)) is None
+    assert shrink() is None
 
 
 def test_a_residual_that_a_cause_lifts_out_of_its_noise_counts() -> None:
-    made = gap(0.9, 4.0, 1.0)
-    assert shrink([gap(5.0, 1.0, 1.0), made]) == pytest.approx(1.0 - np.sqrt(15.0 / 24.0))
-    assert shrink([gap(5.0, 1.0, 1.0)]) == 1.0
+    assert shrink((5.0, 1.0, 1.0), (0.9, 4.0, 1.0)) == pytest.approx(1.0 - np.sqrt(15.0 / 24.0))
+    assert shrink((5.0, 1.0, 1.0)) == 1.0
 
 
 @pytest.mark.parametrize("effect", ["viscous_friction", "parallel_spring"])
@@ -44,8 +38,8 @@ def test_the_patch_does_what_was_promised(tmp_path: Path, effect: str) -> None:
     *given, withheld = record(tmp_path, effect, noise=0.01)
     patch, held = tmp_path / "found.yaml", ("--holdout", given[-1])
     said = answer(tmp_path, given[:-1], *held, "--patch", patch)[1]["gap"]
-    worn = answer(tmp_path, given[:-1], *held, "--effects", patch)[1]["gap"]
-    for before, after in zip(said["per_port"], worn["per_port"], strict=True):
+    patched = answer(tmp_path, given[:-1], *held, "--effects", patch)[1]["gap"]
+    for before, after in zip(said["per_port"], patched["per_port"], strict=True):
         assert after["before"] == pytest.approx(before["after"], rel=1e-4), before["joint"]
     shoulder = next(item for item in said["per_port"] if item["joint"] == "shoulder")
     assert shoulder["refitted"] < 0.7 * shoulder["after"] and said["refitted_shrink"] > 0.95

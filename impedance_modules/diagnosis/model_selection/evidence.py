@@ -149,10 +149,6 @@ class Evidence:
         pushes, others = (float(np.clip(part, 0.0, None).sum()) for part in (inside, outside))
         return pushes / (pushes + others) if pushes > 0.0 else 0.0
 
-    def excess(self, rms: Array) -> float:
-        """Power beyond the noise of held-out residuals (groups,), over all groups, each in units of its own noise."""
-        return float(np.sum(np.clip((rms / self.heldout_noise) ** 2 - 1.0, 0.0, None)))
-
     def excess_torque(self, model_fit: ModelFit | None) -> float:
         """The same in units of the mean noise of a residual's joints: a large torque counts as one, quiet or not."""
         names = [residual for residual, _ in self.design.groups]

@@ -18,10 +18,10 @@ import numpy as np
 
 import impedance_modules
 from impedance_modules.arrays import Array
-from impedance_modules.diagnosis.gap_result import JointGap, ResidualSeries
+from impedance_modules.diagnosis.gap_result import GapSize, JointGap, ResidualSeries
 from impedance_modules.diagnosis.result import Cause, Diagnosis, Rival, Swallowed
 from impedance_modules.diagnosis.rollout.patch_entry import patch_entry
-from impedance_modules.diagnosis.rollout_result import CauseRollout, Rollout, RolloutError
+from impedance_modules.diagnosis.rollout_result import CauseRollout, Rollout
 from impedance_modules.effects.catalogue import CATALOGUE
 
 FORMAT = 1
@@ -45,10 +45,7 @@ def diagnosis_object(diagnosis: Diagnosis) -> dict[str, Any]:
         "data": _data(diagnosis),
         "gap": {
             "per_joint": per_joint(diagnosis.gaps),
-            "per_port": [
-                {"joint": g.joint, "residual": g.residual, "shrink": _number(g.shrink), **_gap(g)}
-                for g in diagnosis.gaps
-            ],
+            "per_port": [{"joint": g.joint, "residual": g.residual, **_size(g)} for g in diagnosis.gaps],
             "shrink": _number(diagnosis.shrink),
             "refitted_shrink": _number(diagnosis.refitted_shrink),
             "rollout": rollout_object(diagnosis.rollout),
@@ -83,10 +80,7 @@ def per_joint(gaps: Sequence[JointGap]) -> dict[str, dict[str, Any]]:
         known = out.get(gap.joint)
         if known is None or gap.before / gap.noise_floor > known.before / known.noise_floor:
             out[gap.joint] = gap
-    return {
-        joint: {**_gap(gap), "shrink": _number(gap.shrink), "port": gap.residual}
-        for joint, gap in out.items()
-    }
+    return {joint: {**_size(gap), "port": gap.residual} for joint, gap in out.items()}
 
 
 def swallowed_object(swallowed: Swallowed | None) -> dict[str, Any] | None:
@@ -124,7 +118,7 @@ def rollout_object(rollout: Rollout) -> dict[str, Any]:
         "shrink": rollout.shrink,
         "all_causes": cause_rollout_object(rollout.whole),
         "per_joint": {
-            joint: {"position": _drift(drift), "velocity": _drift(rollout.velocity[joint])}
+            joint: {"position": _size(drift), "velocity": _size(rollout.velocity[joint])}
             for joint, drift in rollout.position.items()
         },
         "growth": {
@@ -195,13 +189,14 @@ def patch_text(patch: Mapping[str, Any]) -> str:
     return "# yaml-language-server: $schema=patch.schema.json\n" + "".join(_lines(patch, 0))
 
 
-def _gap(gap: JointGap) -> dict[str, Any]:
+def _size(gap: GapSize) -> dict[str, Any]:
     return {
         "before": gap.before,
         "after": gap.after,
         "refitted": gap.refitted,
         "noise_floor": gap.noise_floor,
         "unit": gap.unit,
+        "shrink": _number(gap.shrink),
     }
 
 
@@ -264,17 +259,6 @@ def _ranges(cause: Cause) -> dict[str, Mapping[str, list[float]]]:
     return {
         "position": {joint: list(ends) for joint, ends in cause.position_range.items()},
         "velocity": {joint: list(ends) for joint, ends in cause.velocity_range.items()},
-    }
-
-
-def _drift(drift: RolloutError) -> dict[str, Any]:
-    return {
-        "before": drift.before,
-        "after": drift.after,
-        "refitted": drift.refitted,
-        "noise_floor": drift.noise_floor,
-        "unit": drift.unit,
-        "shrink": drift.shrink,
     }
 
 

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from impedance_modules.arrays import Array
+from impedance_modules.diagnosis.gap_result import total_shrink
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.diagnosis.rollout.simulated_windows import WINDOW, RolloutWindow, WindowErrors
@@ -103,7 +104,7 @@ def summarise(  # noqa: PLR0917 - all of them are the outcome
         position=errors[0],
         velocity=errors[1],
         growth=_growth(outcome, [body.joint for body in bodies]),
-        shrink=total_shrink(first, last, outcome.floors),
+        shrink=total_shrink(*map(np.concatenate, (first, last, outcome.floors))),
         whole=judge(power(outcome.before, scales, every), power(outcome.refitted, scales, every)),
         causes=verdicts,
         left_out=left_out,
@@ -190,16 +191,6 @@ def judge(without: Array, with_it: Array) -> CauseRollout:
     clear = abs(mean) > STANDARD_ERRORS * error and abs(mean) > LOG_RATIO_MIN
     verdict = "no difference" if not clear else "helps" if mean > 0.0 else "worsens"
     return CauseRollout(float(np.mean(without)), float(np.mean(with_it)), float(np.exp(mean)), error, verdict)
-
-
-def total_shrink(before: Sequence[Array], after: Sequence[Array], floors: Sequence[Array]) -> float | None:
-    """Shrink over all joints, squares summed in units of each noise floor; None without a gap."""
-    start, left = 0.0, 0.0
-    for first, last, floor in zip(before, after, floors, strict=True):
-        gap = first > floor
-        start += float(np.sum(np.clip(first**2 / floor**2 - 1.0, 0.0, None)))
-        left += float(np.sum(np.clip(last**2 / floor**2 - 1.0, 0.0, None)[gap]))
-    return None if start <= 0.0 else 1.0 - float(np.sqrt(left / start))
 
 
 def _growth(outcome: BeforeAfter, joints: Sequence[str]) -> ErrorGrowth:
