@@ -281,7 +281,7 @@ def test_over_ros_a_gripper_that_fails_stops_the_run_with_the_reason(
     with simulator(tmp_path, master, "--posture", task, "--enabled") as robot:
         process = start("run", task, *BAXTER, "--out", str(out))
         # Nothing is between the fingers: the first phase waits until the fault.
-        until(lambda: process.poll() is not None or robot.lines()[-1]["commands"]["right"] > 150, 60.0)
+        until(lambda: process.poll() is not None or robot.lines()[-1]["last_torque"]["right"] > 0.0, 60.0)
         robot.fault(fault)
         code, said = ended(process, why)
     assert code == 3 and "gripper failed" in said and why in said, said
