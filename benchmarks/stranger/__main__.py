@@ -48,6 +48,7 @@ def main() -> None:
             "eighth",
             "ninth",
             "tenth",
+            "eleventh",
             "smoke",
         ],
         default="real",

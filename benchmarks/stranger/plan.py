@@ -25,6 +25,7 @@ SALT = {
     "eighth": "the same stranger, seven years later",
     "ninth": "the same stranger, eight years later",
     "tenth": "the same stranger, nine years later",
+    "eleventh": "the same stranger, ten years later",
     "smoke": "only to see that it is read",
 }
 
