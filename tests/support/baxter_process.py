@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import json
 import os
 import re
@@ -132,6 +133,15 @@ class SimulatorProcess:
 
         assert until(happened, seconds), f"no '{event}'; {self.said}"
         return found[0]
+
+    def seconds_of_torque(self) -> float:
+        """For how long the right arm's torques have come, as far as the log tells [s].
+
+        Not a count of commands: a run tries torque mode, then holds in position mode until it is prepared.
+        """
+        lines = itertools.takewhile(lambda line: line["modes"]["right"] == "TORQUE", reversed(self.lines()))
+        times = [line["last_torque"]["right"] for line in lines]
+        return times[0] - times[-1] if times else 0.0
 
     def last(self) -> dict[str, Any]:
         """Waits for the log's next line of a second and returns it: what happened before is in it."""

@@ -10,7 +10,6 @@ import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -59,26 +58,15 @@ def running(
 
 
 def start_run(robot: SimulatorProcess, transport: str, folder: Path) -> subprocess.Popen[str]:
-    """Starts a task and waits until it is under way; tries again where a busy machine has made it give up.
-
-    Under way are torques of half a second, not commands: a run holds the arms in position mode as long as it prepares.
-    """
+    """Starts a task and waits until it is under way; tries again where a busy machine has made it give up."""
     for attempt in range(ATTEMPTS):
         process = start(*RUN, "--transport", transport, "--out", str(folder / f"run-{attempt}"))
-        began = len(robot.lines())
-        while process.poll() is None and torques_last(robot.lines()[began - 1 :]) < 0.5:
+        while process.poll() is None and robot.seconds_of_torque() < 0.5:
             signal.sigtimedwait([], 0.02)
         if process.poll() is None:
             return process
     text, _ = process.communicate()
     raise MachineBusyError(f"{text}{robot.said}")
-
-
-def torques_last(lines: list[dict[str, Any]]) -> float:
-    """From the first torque that came after the first of these lines to the last one [s]."""
-    times = [line["last_torque"]["right"] for line in lines]
-    later = [time for time in times if time > times[0]]
-    return later[-1] - later[0] if later else 0.0
 
 
 def kill(robot: SimulatorProcess, process: subprocess.Popen[str]) -> None:

@@ -280,8 +280,8 @@ def test_over_ros_a_gripper_that_fails_stops_the_run_with_the_reason(
     task, out = write_task(tmp_path), tmp_path / "out"
     with simulator(tmp_path, master, "--posture", task, "--enabled") as robot:
         process = start("run", task, *BAXTER, "--out", str(out))
-        # Nothing is between the fingers: the first phase waits until the fault.
-        until(lambda: process.poll() is not None or robot.lines()[-1]["last_torque"]["right"] > 0.0, 60.0)
+        # Nothing is between the fingers: they have closed, and the first phase waits until the fault.
+        until(lambda: process.poll() is not None or robot.seconds_of_torque() > 2.0, 60.0)
         robot.fault(fault)
         code, said = ended(process, why)
     assert code == 3 and "gripper failed" in said and why in said, said
