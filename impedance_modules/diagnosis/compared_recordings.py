@@ -13,16 +13,17 @@ from tempfile import TemporaryDirectory
 from impedance_modules.diagnosis.data.log import InsufficientData
 from impedance_modules.diagnosis.data.long_recordings import read_recordings
 from impedance_modules.diagnosis.data.model_file import ComparedModel, compared_model
-from impedance_modules.diagnosis.data.nominal_model import NominalModel, model_of_spec, with_encoders
+from impedance_modules.diagnosis.data.nominal_model import model_of_spec, with_encoders
 from impedance_modules.diagnosis.diagnose import diagnose, insufficient
+from impedance_modules.diagnosis.known_effects import read_known_effects
 from impedance_modules.diagnosis.result import DEFAULT_TOLERANCE, Diagnosis
 from impedance_modules.diagnosis.text_logs import Stated, as_episodes
 from impedance_modules.effects.catalogue import CATALOGUE, add_missing_effects
+from impedance_modules.effects.patch_check import PatchTarget
 from impedance_modules.episode.data import Episode
 from impedance_modules.episode.imports.pipeline import import_sources
 from impedance_modules.episode.run_folder import episode_paths
 from impedance_modules.errors import BadInput, nearest
-from impedance_modules.spec.patch_file import EffectSpec, read_patch
 from impedance_modules.spec.robot_reader import read_robot
 from impedance_modules.spec.robot_spec import EncoderSide
 from impedance_modules.worker_processes import ordered_map
@@ -74,6 +75,7 @@ def diagnosed(
 
     Raises:
         BadInput: A recording, model, patch or option that does not fit, or a cluster that cannot be used.
+        BadFile: A patch with unknown or unphysical numbers; every problem with its place.
         WorkerLost: A process that computed a part ended before it was there.
     """
     if (robot is None) == (urdf is None):
@@ -87,7 +89,8 @@ def diagnosed(
         episodes = [episode for found in (*fitted, *tested) for episode in found]
         heldout = [episode.name for found in tested for episode in found]
         compared = stack.enter_context(_compared(robot, urdf, hold or {}, episodes))
-        known = (*compared.known_effects, *_applied(effects, compared.model))
+        patched = () if effects is None else read_known_effects(effects, compared, note)
+        known = (*compared.known_effects, *patched)
         model = compared.model if encoder is None else with_encoders(compared.model, encoder)
         try:
             return diagnose(
@@ -169,14 +172,4 @@ def _compared(
     if hold:
         raise BadInput("--hold goes with --urdf (valid: 'locked' in the robot's own file)")
     spec = read_robot(str(robot))
-    yield ComparedModel(model_of_spec(spec, joints), spec.urdf, ())
-
-
-def _applied(effects: Path | None, model: NominalModel) -> tuple[EffectSpec, ...]:
-    """Reads the patch that is applied to the model before the diagnosis."""
-    if effects is None:
-        return ()
-    patch = read_patch(effects)
-    if patch.robot != model.robot:
-        raise BadInput(f"{effects}: the patch is for robot '{patch.robot}', the model is '{model.robot}'")
-    return patch.effects
+    yield ComparedModel(model_of_spec(spec, joints), spec.urdf, PatchTarget.of_robot(spec), ())

@@ -103,7 +103,8 @@ def diagnose(
         under_water: The robot was under water; only then are the effects of water candidates.
         tolerance: Share of each joint's torque range within which a gap that changes no simulated motion is called
             none; 0 for no such share.
-        known_effects: Effects of a patch that the nominal model includes from the beginning.
+        known_effects: Effects of a patch that the nominal model includes from the beginning, on recorded joints and
+            links.
         progress: Called with a sentence for each step.
         each: Where recordings and simulations are worked on, one by one; the answer does not depend on it.
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from impedance_modules.errors import Problem, nearest
 from impedance_modules.robot.model import RobotModel
 from impedance_modules.spec.patch_file import EffectSpec, PatchQuantity, PatchSpec
 from impedance_modules.spec.robot_spec import RobotSpec
+from impedance_modules.spec.urdf import UrdfFacts
 
 KIND_IN_WORDS: dict[KeyKind, str] = {
     "joint": "a joint",
@@ -48,6 +50,30 @@ class PatchTarget:
     sliding: Collection[str]
     bodies: tuple[str, ...]
     motor_damping: Mapping[str, float]
+
+    @classmethod
+    def of_robot(cls, robot: RobotSpec) -> PatchTarget:
+        """Takes a robot folder; its links are those that joints move."""
+        model = RigidModel.of_robot(RobotModel(robot))
+        return cls(
+            words=f"robot '{robot.name}'",
+            joints=tuple(robot.joints),
+            sliding=frozenset(np.array(model.joint_names)[model.sliding].tolist()),
+            bodies=model.bodies,
+            motor_damping={name: joint.motor_damping for name, joint in robot.joints.items()},
+        )
+
+    @classmethod
+    def of_urdf(cls, path: Path, facts: UrdfFacts) -> PatchTarget:
+        """Takes what was read of a URDF, or of what was made one; ``path`` is the file that the user gave."""
+        joints = tuple(name for name, joint in facts.joints.items() if joint.has_one_axis)
+        return cls(
+            words=str(path),
+            joints=joints,
+            sliding=frozenset(name for name in joints if facts.joints[name].type == "prismatic"),
+            bodies=facts.links,
+            motor_damping=dict.fromkeys(joints, np.inf),
+        )
 
 
 @dataclass
@@ -85,16 +111,7 @@ def patch_problems(patch: PatchSpec, robot: RobotSpec) -> list[Problem]:
     if patch.robot != robot.name:
         message = f"the patch is for robot '{patch.robot}', not for '{robot.name}'"
         return [patch.document.problem(("robot",), message)]
-    model = RigidModel.of_robot(RobotModel(robot))
-    names = np.array(model.joint_names)
-    target = PatchTarget(
-        words=f"robot '{robot.name}'",
-        joints=tuple(robot.joints),
-        sliding=frozenset(names[model.sliding].tolist()),
-        bodies=model.bodies,
-        motor_damping={name: joint.motor_damping for name, joint in robot.joints.items()},
-    )
-    return target_problems(patch, target)
+    return target_problems(patch, PatchTarget.of_robot(robot))
 
 
 def target_problems(patch: PatchSpec, target: PatchTarget) -> list[Problem]:

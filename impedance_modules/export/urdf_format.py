@@ -22,7 +22,6 @@ from impedance_modules.robot.rotation import exp3
 from impedance_modules.spec.located_xml import Faults, read_number, read_xml
 from impedance_modules.spec.urdf import UrdfFacts, read_urdf
 
-ONE_AXIS = ("revolute", "continuous", "prismatic")
 """Types of joints that a patch may name."""
 
 UPRIGHT, LEAN = "_upright", "_lean"
@@ -45,15 +44,7 @@ class UrdfDescription:
         document = read_xml(path)
         self.xml = EditedXml(document)
         self.faults = Faults(path, document.lines)
-        names = {kind: [j for j, one in self.facts.joints.items() if one.type == kind] for kind in ONE_AXIS}
-        joints = tuple(name for name, joint in self.facts.joints.items() if joint.type in ONE_AXIS)
-        self.target = PatchTarget(
-            words=str(path),
-            joints=joints,
-            sliding=frozenset(names["prismatic"]),
-            bodies=self.facts.links,
-            motor_damping=dict.fromkeys(joints, np.inf),
-        )
+        self.target = PatchTarget.of_urdf(path, self.facts)
 
     def joint(self, name: str) -> ET.Element:
         """Finds a joint's element."""

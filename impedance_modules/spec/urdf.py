@@ -66,6 +66,11 @@ class UrdfJoint:
     resists: bool = False
 
     @property
+    def has_one_axis(self) -> bool:
+        """Whether it turns about an axis or slides along one."""
+        return self.type in {"revolute", "continuous", "prismatic"}
+
+    @property
     def moves(self) -> bool:
         """Whether the joint has a degree of freedom."""
         return self.type != "fixed"

@@ -28,7 +28,7 @@ NOT_FOR_DIAGNOSIS = ("backends", "control", "prediction", "runs")
 
 STEPS = (
     "data", "gap_result", "rollout_result", "result", "residuals", "regression", "model_selection", "rollout",
-    "report experiment_design", "diagnose", "text_logs", "compared_recordings",
+    "report experiment_design", "diagnose", "text_logs", "known_effects", "compared_recordings",
 )  # fmt: skip
 STAGES = {name: step for step, names in enumerate(STEPS) for name in names.split()}
 """Folders and files of diagnosis/ in the order in which a recording goes through them."""

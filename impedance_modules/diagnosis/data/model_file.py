@@ -20,6 +20,7 @@ import numpy as np
 from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.nominal_model import NominalModel, model_of_urdf
 from impedance_modules.effects.joint_friction import CoulombFriction
+from impedance_modules.effects.patch_check import PatchTarget
 from impedance_modules.errors import BadInput, nearest
 from impedance_modules.export.body_inertia import rotation_of_rpy, rpy_of_rotation
 from impedance_modules.export.edited_xml import numbers
@@ -27,9 +28,6 @@ from impedance_modules.export.mujoco_as_urdf import MujocoLinks, as_urdf
 from impedance_modules.robot.rotation import exp3
 from impedance_modules.spec.patch_file import EffectSpec, PatchQuantity
 from impedance_modules.spec.urdf import UrdfFacts, UrdfJoint, read_urdf
-
-SINGLE_AXIS = ("revolute", "continuous", "prismatic")
-"""Joints that can stand at one stated position."""
 
 LISTED = 8
 """Names that a sentence lists."""
@@ -42,11 +40,13 @@ class ComparedModel:
     Attributes:
         model: For the recorded joints that move by themselves.
         urdf: Its links, plain; there as long as the block of ``compared_model`` runs.
+        target: What a patch of it may name: all joints and links of the description, recorded or not.
         known_effects: What the description states beyond links: dry friction of a MuJoCo model.
     """
 
     model: NominalModel
     urdf: Path
+    target: PatchTarget
     known_effects: tuple[EffectSpec, ...]
 
 
@@ -85,7 +85,8 @@ def compared_model(
             ]
             if mujoco is not None:
                 model = _with_rotors(model, mujoco)
-            yield ComparedModel(replace(model, notes=tuple(notes)), plain, _friction(model, mujoco))
+            model = replace(model, notes=tuple(notes))
+            yield ComparedModel(model, plain, PatchTarget.of_urdf(path, facts), _friction(model, mujoco))
 
 
 def driven_joints(path: Path) -> tuple[str, ...]:
@@ -97,7 +98,7 @@ def driven_joints(path: Path) -> tuple[str, ...]:
     _refuse_missing(path)
     with as_urdf(path) as (urdf, _):
         joints = read_urdf(urdf).joints
-    return tuple(name for name, joint in joints.items() if joint.type in SINGLE_AXIS and joint.mimic is None)
+    return tuple(name for name, joint in joints.items() if joint.has_one_axis and joint.mimic is None)
 
 
 def _refuse_missing(path: Path) -> None:
@@ -156,7 +157,7 @@ def _check_recorded(path: Path, facts: UrdfFacts, recorded: Mapping[str, float])
 def _check_held(
     path: Path, facts: UrdfFacts, recorded: Mapping[str, float], held: Mapping[str, float]
 ) -> None:
-    movable = tuple(name for name, joint in facts.joints.items() if joint.type in SINGLE_AXIS)
+    movable = tuple(name for name, joint in facts.joints.items() if joint.has_one_axis)
     for name, position in held.items():
         if name not in movable:
             raise BadInput(
@@ -180,7 +181,7 @@ def _following(
     out: dict[str, float] = {}
     for name, joint in facts.joints.items():
         mimic = joint.mimic
-        if mimic is None or name in held or joint.type not in SINGLE_AXIS:
+        if mimic is None or name in held or not joint.has_one_axis:
             continue
         if name in recorded:
             out[name] = recorded[name]

@@ -18,6 +18,7 @@ from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.data.rigid_tree import RigidTree, read_tree
 from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.effect_description import Port
+from impedance_modules.effects.patch_check import numbers
 from impedance_modules.errors import BadInput
 from impedance_modules.spec.patch_file import EffectSpec
 from impedance_modules.spec.robot_spec import EncoderSide, InnerTorqueLoopSpec, RobotSpec
@@ -141,34 +142,31 @@ def with_known_effects(
 
     Args:
         model: As the robot file has it.
-        known_effects: Effects of the patch.
+        known_effects: Effects of the patch, on recorded joints and links.
 
     Returns:
         The model, and the effects that add to it.
     """
     adding = []
     for spec in known_effects:
-        numbers = {
-            key: CATALOGUE[spec.effect].joint_numbers(
-                {symbol: quantity.value for symbol, quantity in symbols.items()}
-            )
+        replaced = {
+            key: CATALOGUE[spec.effect].joint_numbers(numbers(symbols))
             for key, symbols in spec.parameters.items()
         }
         side = CATALOGUE[spec.effect].encoder_side(cast("Port", spec.port))
         if side is not None:
             model = with_encoders(model, side, spec.parameters)
-        if any(numbers.values()):
-            model = _with(model, numbers)
+        if any(replaced.values()):
+            model = _with(model, replaced)
         else:
             adding.append(spec)
     return model, tuple(adding)
 
 
-def _with(model: NominalModel, numbers: Mapping[str, Mapping[str, float]]) -> NominalModel:
-    """Replaces joints' numbers in a model; joints that were not recorded are ignored."""
+def _with(model: NominalModel, replaced: Mapping[str, Mapping[str, float]]) -> NominalModel:
+    """Replaces joints' numbers in a model."""
     changed: dict[str, Any] = {}
-    for joint, own in numbers.items():
-        if joint in model.joints:
-            for name, value in own.items():
-                changed.setdefault(name, getattr(model, name).copy())[model.joints.index(joint)] = value
+    for joint, own in replaced.items():
+        for name, value in own.items():
+            changed.setdefault(name, getattr(model, name).copy())[model.joints.index(joint)] = value
     return replace(model, **changed)

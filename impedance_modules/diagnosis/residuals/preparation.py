@@ -32,6 +32,7 @@ from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.drive_effects import lagged
 from impedance_modules.effects.effect import predicted
 from impedance_modules.effects.effect_description import Port
+from impedance_modules.effects.patch_check import numbers
 from impedance_modules.effects.recorded_signals import Signals, differentiate
 from impedance_modules.effects.regressor import Site
 from impedance_modules.effects.residual_kinds import Residual
@@ -118,7 +119,7 @@ def prepare(
     effort = signals.effort
     torque = inverse_dynamics(model.tree, q, v, a)
     residuals = {
-        name: band.condense(values - effect_torque(_known(known_effects, signals), signals, name))
+        name: band.condense(values - effect_torque(_known(known_effects), signals, name))
         for name, values in _residuals(log, model, signals, torque).items()
     }
     load = effort if effort is not None else torque
@@ -271,15 +272,11 @@ def effect_torque(effects: Iterable[AppliedEffect], signals: Signals, residual: 
     return total
 
 
-def _known(known_effects: Sequence[EffectSpec], signals: Signals) -> Iterator[AppliedEffect]:
-    """Known effects of a patch; those on joints that were not recorded are ignored."""
+def _known(known_effects: Sequence[EffectSpec]) -> Iterator[AppliedEffect]:
+    """Effects of a patch, their units stripped."""
     for spec in known_effects:
-        if all(joint in signals.model.joint_names for joint in spec.joints):
-            numbers = {
-                key: {symbol: quantity.value for symbol, quantity in symbols.items()}
-                for key, symbols in spec.parameters.items()
-            }
-            yield spec.effect, cast("Port", spec.port), numbers
+        parameters = {key: numbers(symbols) for key, symbols in spec.parameters.items()}
+        yield spec.effect, cast("Port", spec.port), parameters
 
 
 def _drive(log: Log, model: NominalModel, weight: Array, band: Band) -> Array | None:
