@@ -147,6 +147,12 @@ SEARCH = (
         lambda selector, found, *_: (selector, found, ()),
     ),
     Rule(
+        "disturbances",
+        "moments that no law has are left out, and the search repeated",
+        "model_selection.cause_search:without_disturbances",
+        lambda selector, found, *_: (selector, found, {}),
+    ),
+    Rule(
         "unrest",
         "a push stands out of what is left elsewhere",
         "model_selection.external_pushes:_unrest",

@@ -2,6 +2,7 @@
 """The diagnosis end to end, on recordings made here by a simulator of two joints that shares no code with it."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import jsonschema
@@ -75,7 +76,13 @@ ADDED = {
 
 
 def record(
-    folder: Path, effect: str, *, seconds: float = 20.0, noise: float = 0.05, jitter: float = 1e-5
+    folder: Path,
+    effect: str,
+    *,
+    seconds: float = 20.0,
+    noise: float = 0.05,
+    jitter: float = 1e-5,
+    knock: Callable[[np.ndarray, int], np.ndarray] = lambda t, index: 0.0 * t,
 ) -> list[Path]:
     paths = []
     for index, (kind, repeat) in enumerate([(0, None), (0, "run0"), (1, None), (2, None), (3, None)]):
@@ -84,6 +91,7 @@ def record(
         tau = torque(q, v, a, mass=1.02)
         joint, law = ADDED[effect]
         tau[:, joint] += law(t, q, v, kind)
+        tau[:, 1] += knock(t, index)
         tau += random.normal(scale=noise, size=tau.shape)
         q = q + random.normal(scale=jitter, size=q.shape)
         columns = columns_of(t, JOINTS, position=q, effort=tau)

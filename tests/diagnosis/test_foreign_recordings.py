@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from impedance_modules.diagnosis.data.encoder_grid import quantisation_step
-from impedance_modules.diagnosis.data.folds import assign_folds
+from impedance_modules.diagnosis.data.folds import FOLDS_MIN, assign_folds
 from impedance_modules.diagnosis.data.stamps import sampling_times
 from tests.diagnosis.test_diagnosis import JOINTS, answer, diagnosed, motion, torque
 from tests.diagnosis.test_diagnosis_data import admitted, columns, diagnose, urdf  # noqa: F401
@@ -86,6 +86,19 @@ def test_one_recording_of_ten_seconds_is_enough(tmp_path, urdf):  # noqa: F811
     assert code == 0 and "no_gap" in said
     code, said = diagnose(urdf, save(tmp_path, "shorter", columns(0, seconds=3.0)))
     assert code == 7 and "too short to fit one part and test on another" in said and "valid:" in said
+
+
+@pytest.mark.parametrize("names", [("a", "b"), ("b", "a")])
+def test_of_two_recordings_the_one_too_short_to_be_cut_is_held_out(tmp_path, urdf, names):  # noqa: F811
+    """More data is never too little: the long one alone is enough, also beside a short one that moves more."""
+    paths = [
+        save(tmp_path, name, columns(kind, seconds=seconds))
+        for name, (kind, seconds) in zip(names, ((0, 10.0), (1, 3.0)), strict=True)
+    ]
+    (long, short), _ = admitted(urdf, *paths)
+    found = assign_folds([replace(long, position=0.3 * long.position), short], ())
+    assert [found.logs[i].name for i in found.heldout] == [names[1]]
+    assert len(found.folds) >= FOLDS_MIN
 
 
 PENDULUM = """<robot name="pendulum"><link name="base"/><link name="rod"><inertial><mass value="0.5"/>

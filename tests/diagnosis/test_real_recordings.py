@@ -153,3 +153,54 @@ def test_baxter_carries_springs_in_its_shoulder(tmp_path):
     refuse_impossible(answer, model_of_spec(read_robot("baxter"), joints).tree)
     rotors = values_of(answer, "reflected_inertia")
     assert not rotors, "a sensor behind the gear cannot see rotors"
+
+
+PENDULUM = DATA / "dfki-simple-pendulum"
+
+
+def pendulum(folder, *names):
+    imported(folder, *(PENDULUM / f"{name}.csv" for name in names), map_path=MAPS / "simple-pendulum.yaml")
+    logs = [folder / f"{name}.parquet" for name in names]
+    return diagnosed(folder, *logs, "--urdf", PENDULUM / "simple_pendulum.urdf")[1]
+
+
+def test_a_motor_with_a_rod_has_dry_friction(tmp_path):
+    answer = pendulum(tmp_path, "ddp")
+    value, _, unit = values_of(answer, "coulomb_friction")["pendulum"]["fc"]
+    assert 0.16 <= value <= 0.22 and unit == "N.m"
+
+
+@pytest.mark.parametrize("name", ["gravity_compensation", "energy_shaping_1kg"])
+def test_of_recordings_that_cannot_tell_nothing_is_named(tmp_path, name):
+    """A torque that is the control law itself, and a switched torque that makes mass and dry friction one column."""
+    answer = pendulum(tmp_path, name)
+    assert (answer["verdict"], answer["causes"]) == ("unexplained", [])
+
+
+@pytest.mark.parametrize(
+    ("name", "knocks"),
+    [("energy_shaping", ["15.49 to 16.37"]), ("sac", ["17.59 to 18.27", "21.83 to 22.70"])],
+)
+def test_hits_on_the_rod_are_said_and_named_for_nothing(tmp_path, name, knocks):
+    answer = pendulum(tmp_path, name)
+    said = " ".join(note for note in answer["data"]["warnings"] if "no law has what acts then" in note)
+    assert all(knock in said for knock in knocks), said
+    assert answer["verdict"] in ("unexplained", "partly_explained") and answer["unexplained_weight"] > 0.8
+
+
+def test_the_second_harmonic_of_a_geared_rotor_shows_beside_hits(tmp_path):
+    """The motor has a gear of six: twelve periods in a turn of the joint are two of the rotor."""
+    numbers = values_of(pendulum(tmp_path, "sac"), "torque_ripple")["pendulum"]
+    assert within(numbers["N"], 12.0, part=0.002)
+
+
+@pytest.mark.long
+def test_two_motors_have_dry_friction(tmp_path):
+    data = DATA / "dfki-double-pendulum"
+    imported(tmp_path, *sorted(data.glob("06*.csv")), map_path=MAPS / "double-pendulum.yaml")
+    logs = sorted(tmp_path.glob("06*.parquet"))
+    _, answer = diagnosed(tmp_path, *logs, "--urdf", data / "double_pendulum.urdf")
+    shoulder = values_of(answer, "coulomb_friction")["shoulder"]["fc"][0]
+    elbow = values_of(answer, "stribeck_friction")["elbow"]["fc"][0]
+    assert 0.09 <= elbow <= 0.19 and 0.09 <= shoulder <= 0.26
+    assert all(gap["after"] < gap["before"] for gap in answer["gap"]["per_joint"].values())

@@ -40,10 +40,10 @@ def selector(name: str, left: dict[str, float], lost: tuple[str, ...] = ()) -> S
 @pytest.mark.parametrize(("again", "well"), [(100.0, True), (119.0, True), (121.0, False)])
 def test_causes_of_masked_rows_must_explain_them_about_as_well(again: float, well: bool) -> None:
     masked = selector("masked", {"b": again, "a": 100.0, "ac": 50.0})
-    assert search_beside_pushes._fits_as_well(masked, [term("b")], [term("a")]) is well
+    assert search_beside_pushes.fits_as_well(masked, [term("b")], [term("a")]) is well
     # A first cause that cannot be moved to the masked rows is compared without.
     masked = selector("masked", {"b": again, "a": 100.0, "ac": 50.0}, lost=("c",))
-    assert search_beside_pushes._fits_as_well(masked, [term("b")], [term("a"), term("c")]) is well
+    assert search_beside_pushes.fits_as_well(masked, [term("b")], [term("a"), term("c")]) is well
 
 
 def test_pushes_are_found_again_by_a_model_that_was_fitted_without_them(monkeypatch) -> None:
@@ -134,7 +134,7 @@ def searched(monkeypatch):
         monkeypatch.setattr(search_beside_pushes, "rows_of_link_residuals", lambda rows, groups: rows)
         monkeypatch.setattr(search_beside_pushes, "rows_without_pushes", lambda pushes, prepared: {})
         monkeypatch.setattr(search_beside_pushes, "intersect_masks", lambda one, other: {})
-        monkeypatch.setattr(search_beside_pushes, "_fits_as_well", lambda *given: well)
+        monkeypatch.setattr(search_beside_pushes, "fits_as_well", lambda *given: well)
         monkeypatch.setattr(search_beside_pushes, "_refitted_pushes", lambda *given: refitted)
         first, masked = selector("all", {}), selector("masked", {})
         masked.run = lambda progress: SimpleNamespace(causes=(term("b"),))

@@ -125,7 +125,7 @@ def assign_folds(
             warnings.append("one motion in free air only: held-out parts are segments of it")
             held = pieces.pop(select_holdout_segment(pieces))
             return _numbered([*motions[:place], *motions[place + 1 :], *pieces], held, warnings)
-        tested = motions.pop(select_holdout(motions))
+        tested = motions.pop(_motion_to_hold_out(motions, useful, run_in))
     else:
         motions, tested = list(groups.values()), []
         warnings.append("one motion only: held-out parts are segments of the same recording")
@@ -141,8 +141,22 @@ def _only_free(
     free = [i for i, found in enumerate(motions) if is_free(found)]
     if len(free) != 1:
         return None
+    pieces = _pieces_of(motions[free[0]], useful, run_in)
+    return None if pieces is None else (free[0], pieces)
+
+
+def _motion_to_hold_out(motions: Sequence[Sequence[Log]], useful: float, run_in: float) -> int:
+    """Of two motions, the one that is fitted must be long enough to be cut; of more, any may be held out."""
+    chosen = select_holdout(motions)
+    if len(motions) > 2 or _pieces_of(motions[1 - chosen], useful, run_in) is not None:
+        return chosen
+    return chosen if _pieces_of(motions[chosen], useful, run_in) is None else 1 - chosen
+
+
+def _pieces_of(motion: Sequence[Log], useful: float, run_in: float) -> list[list[Log]] | None:
+    """The segments of a motion; None where it is too short to be cut."""
     try:
-        return free[0], segments_of(motions[free[0]], useful, run_in)
+        return segments_of(motion, useful, run_in)
     except InsufficientData:
         return None
 

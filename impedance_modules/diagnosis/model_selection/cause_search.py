@@ -22,6 +22,10 @@ from impedance_modules.diagnosis.model_selection.external_pushes import External
 from impedance_modules.diagnosis.model_selection.forward_selection import Selection, Selector
 from impedance_modules.diagnosis.model_selection.load_reversals import load_reversal_note, rows_on_one_flank
 from impedance_modules.diagnosis.model_selection.reversals import reversal_note, rows_without_reversals
+from impedance_modules.diagnosis.model_selection.search_beside_disturbances import (
+    disturbance_notes,
+    without_disturbances,
+)
 from impedance_modules.diagnosis.model_selection.search_beside_pushes import without_pushes
 from impedance_modules.diagnosis.regression.candidates import (
     Candidate,
@@ -112,6 +116,7 @@ def search_causes(
     pushes: tuple[ExternalPush, ...] = ()
     if ExternalContact.description.id not in without:
         selector, found, pushes = without_pushes(selector, found, prepared, progress)
+    selector, found, disturbed = without_disturbances(selector, found, prepared, progress)
     plain = UnwhitenedFit(selector.refiner)
     model_fit = _tested(selector, found.causes, plain, prepared)
     floor, pairs = selector.design.whitening, repeat_pairs(prepared, split.fitted)
@@ -128,7 +133,8 @@ def search_causes(
         plain,
         found.refusal,
         pushes,
-        (*crossings, *notes),
+        disturbed,
+        (*crossings, *notes, *disturbance_notes(disturbed, prepared, selector.design.groups)),
     )
 
 

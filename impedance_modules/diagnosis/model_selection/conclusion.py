@@ -70,7 +70,8 @@ def causes_of_model(evidence: Evidence) -> tuple[Cause, ...]:
     left = min(1.0, evidence.whitened_excess(evidence.model_fit) / total) if total > 0.0 else 0.0
     gains = sum(cause.weight for cause in merged.values())
     share = evidence.pushed_share
-    scale = (1.0 - share) * (1.0 - left) / gains if gains > 0.0 else 0.0
+    calm = 1.0 - share - evidence.disturbed_share
+    scale = calm * (1.0 - left) / gains if gains > 0.0 else 0.0
     weighed = [replace(cause, weight=cause.weight * scale) for cause in merged.values()]
     if evidence.pushes:
         weighed.append(cause_of_pushes(evidence.pushes, share))

@@ -10,8 +10,8 @@ masses and gravity are not known to more digits. Where sensors are noisier than 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -45,6 +45,7 @@ class Evidence:
         plain: The fit in its own units, not whitened.
         refusal: Why the next best candidate was not accepted.
         pushes: External pushes; their rows are masked everywhere.
+        disturbed: Recording and group -> (M,) rows that are masked because no law has what acts then.
         notes: What the search left out, a sentence each.
         weighed: Recordings by which causes are weighed; the held-out ones where empty.
     """
@@ -57,6 +58,7 @@ class Evidence:
     plain: UnwhitenedFit
     refusal: Refusal | None
     pushes: tuple[ExternalPush, ...] = ()
+    disturbed: Mapping[tuple[int, int], Mask] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     weighed: tuple[int, ...] = ()
 
@@ -120,9 +122,14 @@ class Evidence:
         return self.design.whitening.clear.get((recording, group), everything)
 
     def touched(self, recording: int, group: int) -> Mask:
-        """(M,) rows of a residual in a recording that are masked because something is touched or pushes."""
-        item = self.prepared[recording]
-        return ~self.counted(recording, group) & (near_contact(item) | self._pushed(recording, group))
+        """(M,) rows of a residual in a recording that are masked because something is touched, pushes or disturbs."""
+        outside = self._pushed(recording, group) | self.disturbed_rows(recording, group)
+        return ~self.counted(recording, group) & (near_contact(self.prepared[recording]) | outside)
+
+    def disturbed_rows(self, recording: int, group: int) -> Mask:
+        """(M,) rows of a residual in a recording that are masked because no law has what acts then."""
+        none = np.zeros(self.prepared[recording].samples, dtype=bool)
+        return self.disturbed.get((recording, group), none)
 
     def _pushed(self, recording: int, group: int) -> Mask:
         outside = rows_without_pushes(self.pushes, self.prepared).get(recording)
@@ -130,24 +137,48 @@ class Evidence:
             return np.zeros(self.prepared[recording].samples, dtype=bool)
         return ~outside
 
-    @cached_property
+    def disturbed_power(self, group: int) -> float:
+        """Mean power of what the model leaves of rows that no law has, over the noise's; 0 where it is negligible."""
+        rows = [
+            self.plain.left(self.model_fit, r)[group][self.disturbed_rows(r, group)]
+            / self.floor.rms[r, group]
+            for r in range(len(self.prepared))
+        ]
+        found = np.concatenate(rows)
+        least = self.negligible[group] / self.heldout_noise[group]
+        power = float(np.mean(found**2)) if found.size else 0.0
+        return power if power > least**2 else 0.0
+
+    @property
     def pushed_share(self) -> float:
-        """Part of the excess power of all recordings, with the nuisance fitted, that comes from pushes; 0 without.
+        """Part of the excess power of all recordings, with the nuisance fitted, that comes from pushes; 0 without."""
+        return self._outside_shares[0]
+
+    @property
+    def disturbed_share(self) -> float:
+        """The same of moments that no law has."""
+        return self._outside_shares[1]
+
+    @cached_property
+    def _outside_shares(self) -> tuple[float, float]:
+        """Of pushes and of disturbed moments.
 
         A residual that is quieter than its noise floor, which may be taken from others, has no excess, and takes none
         from the other residuals.
         """
-        if not self.pushes:
-            return 0.0
-        inside, outside = np.zeros((2, len(self.design.groups)))
+        if not self.pushes and not self.disturbed:
+            return 0.0, 0.0
+        pushes, moments, others = np.zeros((3, len(self.design.groups)))
         for r in range(len(self.prepared)):
             for g, values in enumerate(self.plain.left(self.calibrated, r)):
                 power = (values**2 - self.floor.rms[r, g] ** 2) / self.heldout_noise[g] ** 2
-                pushed = self._pushed(r, g)
-                inside[g] += float(power[pushed].sum())
-                outside[g] += float(power[self.counted(r, g) & ~pushed].sum())
-        pushes, others = (float(np.clip(part, 0.0, None).sum()) for part in (inside, outside))
-        return pushes / (pushes + others) if pushes > 0.0 else 0.0
+                pushed, disturbed = self._pushed(r, g), self.disturbed_rows(r, g)
+                pushes[g] += float(power[pushed].sum())
+                moments[g] += float(power[disturbed].sum())
+                others[g] += float(power[self.counted(r, g) & ~pushed].sum())
+        excess = np.clip([pushes, moments, others], 0.0, None).sum(axis=1)
+        total = float(excess.sum())
+        return (float(excess[0]) / total, float(excess[1]) / total) if total > 0.0 else (0.0, 0.0)
 
     def excess_torque(self, model_fit: ModelFit | None) -> float:
         """The same in units of the mean noise of a residual's joints: a large torque counts as one, quiet or not."""

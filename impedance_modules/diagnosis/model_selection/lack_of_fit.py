@@ -155,6 +155,7 @@ def find_structure(evidence: Evidence) -> tuple[RemainingStructure, ...]:
     """Describes what of the remainder is no noise, the most prominent first."""
     small = evidence.rms(evidence.model_fit, _all_recordings(evidence)) <= evidence.negligible
     found = list(_tones_and_moments(evidence, small))
+    found.extend(_disturbances(evidence))
     found.extend(_answers(evidence, small))
     changing = position_dependence(evidence)
     if changing is not None:
@@ -169,13 +170,23 @@ def _tones_and_moments(evidence: Evidence, small: NDArray[np.bool_]) -> Iterator
     for g in np.flatnonzero(~small):
         series, group = [values[g] for values in left], int(g)
         frequency, tone = _tone(series, rate)
-        moment = _moment(series, rate)
+        moment = moment_ratio(series, rate)
         if tone > TONE_MAX:
             words = f"a tone at {frequency:.2g} Hz remains on {_name(evidence, group)}"
             yield RemainingStructure(tone / TONE_MAX, words, group)
         if moment > MOMENT_MAX:
             words = f"single moments exceed the noise on {_name(evidence, group)}"
             yield RemainingStructure(moment / MOMENT_MAX, words, group)
+
+
+def _disturbances(evidence: Evidence) -> Iterator[RemainingStructure]:
+    """Joints on which a moment was left out that no law has."""
+    size = {g: evidence.disturbed_power(g) for g in range(len(evidence.design.groups))}
+    largest = max(size.values())
+    for g, ratio in size.items():
+        if ratio > 0.0 and ratio >= min(largest, MOMENT_MAX):
+            words = f"single moments exceed the noise on {_name(evidence, g)}"
+            yield RemainingStructure(max(ratio / MOMENT_MAX, 1.0), words, g)
 
 
 def _answers(evidence: Evidence, small: NDArray[np.bool_]) -> Iterator[RemainingStructure]:
@@ -208,8 +219,8 @@ def _tone(series: Sequence[Array], rate: float) -> tuple[float, float]:
     return (place + 1) * rate / size, float(ratio[place])
 
 
-def _moment(series: Sequence[Array], rate: float) -> float:
-    """Largest power in half a second over the median, or over unit noise."""
+def moment_ratio(series: Sequence[Array], rate: float) -> float:
+    """Largest power in half a second of whitened rows over the median, or over unit noise."""
     size = max(2, round(MOMENT * rate))
     blocks = [
         np.add.reduceat(values**2, np.arange(0, max(len(values) - size + 1, 1), size)) for values in series

@@ -9,9 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-import numpy as np
-
 from impedance_modules.arrays import Array
+from impedance_modules.diagnosis.model_selection.calm_moments import calm_rows
 from impedance_modules.diagnosis.model_selection.evidence import negligible
 from impedance_modules.diagnosis.model_selection.external_pushes import (
     ExternalPush,
@@ -20,9 +19,8 @@ from impedance_modules.diagnosis.model_selection.external_pushes import (
     torque_of,
 )
 from impedance_modules.diagnosis.model_selection.forward_selection import Selection, Selector
-from impedance_modules.diagnosis.regression.disturbed_moments import undisturbed_rows
 from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm
-from impedance_modules.diagnosis.residuals.contact_mask import Mask, intersect_masks, rows_of_link_residuals
+from impedance_modules.diagnosis.residuals.contact_mask import intersect_masks, rows_of_link_residuals
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.effects.residual_kinds import uses_motion
 
@@ -42,7 +40,7 @@ def without_pushes(
     touched = rows_of_link_residuals(rows_without_pushes(pushes, prepared), selector.design.groups)
     masked = selector.on(selector.design.without(intersect_masks(selector.design.whitening.clear, touched)))
     again = masked.run(progress)
-    if not _fits_as_well(masked, again.causes, found.causes):
+    if not fits_as_well(masked, again.causes, found.causes):
         return selector, found, ()  # the first causes explain the same rows better: there was no push
     return masked, again, _refitted_pushes(selector, masked, again.causes, prepared) or pushes
 
@@ -52,37 +50,12 @@ def _calm_coefficients(selector: Selector, model_fit: ModelFit, prepared: Sequen
 
     Where noise is small a push of two seconds pulls the links' inertias along, and all other moments with them.
     """
-    groups = selector.design.groups
-    moved = [g for g, (residual, _) in enumerate(groups) if uses_motion(residual)]
-    if not moved:
+    rows = calm_rows(model_fit, prepared)
+    if not rows:
         return None
-    left, shown = _left(model_fit, prepared, moved)
-    band = prepared[0].band
-    clear = undisturbed_rows(left, shown, band.rate / band.step)
-    if all(rows.all() for rows in clear):
-        return None
-    rows = rows_of_link_residuals(dict(enumerate(clear)), groups)
     calm = selector.on(selector.design.without(intersect_masks(selector.design.whitening.clear, rows)))
     terms = _moved(model_fit.model, calm)
     return None if terms is None else calm.model_fit(terms).whole.coefficients
-
-
-def _left(
-    model_fit: ModelFit, prepared: Sequence[Prepared], groups: Sequence[int]
-) -> tuple[list[list[Array]], list[list[Mask]]]:
-    """What a model leaves of the rows that count, group -> recording -> (m,), and which of all (M,) these are."""
-    known = model_fit.design.whitening.clear
-    left: list[list[Array]] = [[] for _ in groups]
-    shown: list[list[Mask]] = [[] for _ in groups]
-    for r, item in enumerate(prepared):
-        own = model_fit.residuals(model_fit.whole.coefficients, r)
-        for place, g in enumerate(groups):
-            rows = known.get((r, g), np.ones(item.samples, dtype=bool)).copy()
-            past = item.samples - len(own[g])  # whitened rows lack the first ones, which have no past
-            rows[:past] = False
-            left[place].append(own[g][rows[past:]])
-            shown[place].append(rows)
-    return left, shown
 
 
 def _moved(causes: Sequence[ModelTerm], selector: Selector) -> list[ModelTerm] | None:
@@ -122,7 +95,7 @@ def _refitted_pushes(
     )
 
 
-def _fits_as_well(masked: Selector, causes: Sequence[ModelTerm], first: Sequence[ModelTerm]) -> bool:
+def fits_as_well(masked: Selector, causes: Sequence[ModelTerm], first: Sequence[ModelTerm]) -> bool:
     """Whether causes found on masked rows explain these rows about as well as those found on all rows."""
     moved = [masked.refiner.term(term.candidate, term.shaped.shape, term.layout) for term in first]
     known = [term for term in moved if term is not None]

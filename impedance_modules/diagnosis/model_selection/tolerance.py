@@ -144,10 +144,16 @@ def largest_moment(series: Sequence[Array], size: int, chance: float) -> float:
 
 
 def _left_rows(evidence: Evidence) -> list[list[Array]]:
-    """What the model leaves of each recording in the rows that count: group -> recording -> (m,), in its unit."""
+    """What the model leaves of each recording in the rows that count: group -> recording -> (m,), in its unit.
+
+    Moments that no law has count here: they are small only if they are.
+    """
     left = [evidence.plain.left(evidence.model_fit, r) for r in range(len(evidence.prepared))]
     groups = range(len(evidence.design.groups))
-    return [[one[g][evidence.counted(r, g)] for r, one in enumerate(left)] for g in groups]
+    return [
+        [one[g][evidence.counted(r, g) | evidence.disturbed_rows(r, g)] for r, one in enumerate(left)]
+        for g in groups
+    ]
 
 
 def is_small(cause: Cause, evidence: Evidence, limits: Array) -> bool:
