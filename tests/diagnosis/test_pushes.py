@@ -44,11 +44,14 @@ def tones(kind: int, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarr
     )
 
 
-def record(folder: Path, kind: int, happens: str) -> Path:
-    """One recording, in the first of which something happens for a second."""
+def record(
+    folder: Path, kind: int, happens: str, begins: float | None = None, repeat_of: str | None = None
+) -> Path:
+    """One recording; from ``begins`` on something happens for a second, in the first one at 6 s if that is not said."""
     model, places = arm()
     data, palm = model.createData(), model.getFrameId("port_palm")
-    random = np.random.default_rng(kind)
+    random = np.random.default_rng(kind if repeat_of is None else 100 + kind)
+    begins = begins if begins is not None else 6.0 if kind == 0 else np.inf
     time = np.arange(int(SECONDS * RATE)) / RATE
     q, v, a = tones(kind, time)
     effort = np.zeros_like(q)
@@ -56,17 +59,33 @@ def record(folder: Path, kind: int, happens: str) -> Path:
     for row, now in enumerate(time):
         whole[:, places] = q[row], v[row], a[row]
         effort[row] = pinocchio.rnea(model, data, *whole)[places]
-        during = kind == 0 and 6.0 < now < 7.0
-        strength = np.sin(np.pi * (now - 6.0)) if during else 0.0
+        during = begins < now < begins + 1.0
+        strength = np.sin(np.pi * (now - begins)) if during else 0.0
         if happens == "push" and strength > 0.0:
             J = pinocchio.computeFrameJacobian(model, data, whole[0], palm, pinocchio.LOCAL_WORLD_ALIGNED)
             effort[row] -= strength * (J[:3, places].T @ PUSH)
         if happens == "bump" and during:
-            effort[row] += np.sin(np.pi * SWINGS * (now - 6.0)) * BUMP
+            effort[row] += np.sin(np.pi * SWINGS * (now - begins)) * BUMP
     effort += random.normal(scale=0.05, size=effort.shape)
     q += random.normal(scale=1e-5, size=q.shape)
     columns = columns_of(time, [f"port_{name}" for name in JOINTS], position=q, effort=effort)
-    return save(folder, f"run{kind}", columns, robot="six_joint_pair")
+    name = f"run{kind}" if repeat_of is None else f"again{kind}"
+    return save(folder, name, columns, robot="six_joint_pair", repeat_of=repeat_of)
+
+
+@pytest.mark.parametrize("elsewhere", [True, False])
+def test_what_a_repeat_shows_too_is_a_push_where_another_recording_is_pushed_there(tmp_path, elsewhere):
+    """A force at one time of a motion may be the robot's own, but not on a link that is pushed elsewhere, too."""
+    paths = [
+        record(tmp_path, 0, "push"),
+        record(tmp_path, 0, "push", begins=6.1, repeat_of="run0"),
+        record(tmp_path, 1, "push" if elsewhere else "nothing", begins=9.0),
+        record(tmp_path, 2, "nothing"),
+    ]
+    _, found = diagnosed(tmp_path, *paths[:3], "--holdout", paths[3], "--urdf", URDF)
+    notes = [note for note in found["data"]["warnings"] if "pushed from outside" in note]
+    assert (found["verdict"] == "explained") is elsewhere
+    assert len(notes) == (3 if elsewhere else 0), notes
 
 
 @pytest.mark.parametrize("happens", ["push", "bump"])

@@ -8,7 +8,7 @@ A push happens at one time of one recording, so no other recording can confirm i
 - *several joints*: a free torque of a single joint does not do nearly as well, as it would if that joint had a fault;
 - *absence*: where the recording repeats another, the same force is not there at the same time.
 
-A link that pushes have been found on may be pushed in a way that turns one joint only.
+A link that pushes have been found on may be pushed in a way that turns one joint only, and in a repeat as well.
 
 f(t) is fitted in `push_forces`.
 """
@@ -159,13 +159,13 @@ def _confirmed(
     found: Mapping[int, Forces],
     touched: frozenset[PushPlace],
 ) -> tuple[ExternalPush, ...]:
-    """Pushes of all recordings, without those that a repeat shows as well; ``touched``: places known to be pushed."""
+    """Pushes of all recordings; those that a repeat shows as well count at places known to be pushed, ``touched``."""
     every = (
         push
         for r, forces in found.items()
         for push in _intervals(model_fit, prepared[r], r, lefts[r], forces, forces.place in touched)
     )
-    return tuple(push for push in every if not _in_a_repeat(push, prepared, found))
+    return tuple(push for push in every if push.place in touched or not _in_a_repeat(push, prepared, found))
 
 
 def rows_without_pushes(pushes: Sequence[ExternalPush], prepared: Sequence[Prepared]) -> dict[int, Mask]:
