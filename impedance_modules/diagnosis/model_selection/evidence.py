@@ -137,17 +137,16 @@ class Evidence:
             return np.zeros(self.prepared[recording].samples, dtype=bool)
         return ~outside
 
-    def disturbed_power(self, group: int) -> float:
-        """Mean power of what the model leaves of rows that no law has, over the noise's; 0 where it is negligible."""
-        rows = [
-            self.plain.left(self.model_fit, r)[group][self.disturbed_rows(r, group)]
-            / self.floor.rms[r, group]
-            for r in range(len(self.prepared))
-        ]
-        found = np.concatenate(rows)
-        least = self.negligible[group] / self.heldout_noise[group]
-        power = float(np.mean(found**2)) if found.size else 0.0
-        return power if power > least**2 else 0.0
+    def disturbed_powers(self) -> Array:
+        """(groups,) mean power of what the model leaves of disturbed rows, over the noise's; 0 where negligible."""
+        squares, counts = np.zeros((2, len(self.design.groups)))
+        for r in sorted({recording for recording, _ in self.disturbed}):
+            for g, values in enumerate(self.plain.left(self.model_fit, r)):
+                rows = values[self.disturbed_rows(r, g)] / self.floor.rms[r, g]
+                squares[g] += float(rows @ rows)
+                counts[g] += len(rows)
+        power = squares / np.maximum(counts, 1.0)
+        return np.where(power > (self.negligible / self.heldout_noise) ** 2, power, 0.0)
 
     @property
     def pushed_share(self) -> float:

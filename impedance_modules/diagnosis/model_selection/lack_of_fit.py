@@ -181,12 +181,12 @@ def _tones_and_moments(evidence: Evidence, small: NDArray[np.bool_]) -> Iterator
 
 def _disturbances(evidence: Evidence) -> Iterator[RemainingStructure]:
     """Joints on which a moment was left out that no law has."""
-    size = {g: evidence.disturbed_power(g) for g in range(len(evidence.design.groups))}
-    largest = max(size.values())
-    for g, ratio in size.items():
-        if ratio > 0.0 and ratio >= min(largest, MOMENT_MAX):
-            words = f"single moments exceed the noise on {_name(evidence, g)}"
-            yield RemainingStructure(max(ratio / MOMENT_MAX, 1.0), words, g)
+    if not evidence.disturbed:
+        return
+    powers = evidence.disturbed_powers()
+    for g in np.flatnonzero((powers > 0.0) & (powers >= min(float(powers.max()), MOMENT_MAX))):
+        words = f"single moments exceed the noise on {_name(evidence, int(g))}"
+        yield RemainingStructure(max(float(powers[g]) / MOMENT_MAX, 1.0), words, int(g))
 
 
 def _answers(evidence: Evidence, small: NDArray[np.bool_]) -> Iterator[RemainingStructure]:
