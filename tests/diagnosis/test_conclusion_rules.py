@@ -171,16 +171,16 @@ def test_noise_of_another_colour_and_what_is_below_the_noise_are_no_tones() -> N
 def test_a_moment_in_the_remainder_is_found() -> None:
     random = np.random.default_rng(1)
     noise = [random.standard_normal(1000), random.standard_normal(720)]
-    quiet = remainder._moment(noise, RATE)
+    quiet = remainder.moment_ratio(noise, RATE)
     assert quiet < 3.0
     blocks = [np.sum(noise[0][50 * k : 50 * (k + 1)] ** 2) for k in range(20)]
     blocks += [np.sum(noise[1][50 * k : 50 * (k + 1)] ** 2) for k in range(13)] + [
         np.sum(noise[1][650:] ** 2)
     ]
     assert quiet == pytest.approx(max(blocks) / max(np.median(blocks), 50.0))
-    assert remainder._moment([0.1 * part for part in noise], RATE) == pytest.approx(max(blocks) / 5000.0)
+    assert remainder.moment_ratio([0.1 * part for part in noise], RATE) == pytest.approx(max(blocks) / 5000.0)
     noise[0][300:320] += 12.0
-    assert remainder._moment(noise, RATE) > 20.0
+    assert remainder.moment_ratio(noise, RATE) > 20.0
 
 
 def test_orders_go_from_one_period_over_the_travel_to_what_the_samples_follow() -> None:
@@ -530,8 +530,8 @@ def test_whitened_excess_is_what_rows_leave_beyond_their_number() -> None:
     assert Evidence.whitened_excess(own, fit) == pytest.approx(0.5)
 
 
-def test_the_share_of_pushes_is_the_power_beyond_noise_where_they_are() -> None:
-    left = np.array([3.0, 1.0, 1.0, 1.0])
+def test_the_share_of_what_comes_from_outside_is_the_power_beyond_noise_where_it_acts() -> None:
+    left = np.array([3.0, 1.0, 1.0, 2.0])
     quiet = np.array([0.5, 0.1, 0.1, 0.1])  # than its floor, but where it is pushed
     own = SimpleNamespace(
         prepared=[None],
@@ -540,11 +540,29 @@ def test_the_share_of_pushes_is_the_power_beyond_noise_where_they_are() -> None:
         calibrated=None,
         floor=SimpleNamespace(rms=np.array([[0.5, 0.5]])),
         heldout_noise=np.array([2.0, 2.0]),
-        counted=lambda recording, group: np.array([False, True, True, True]),
+        counted=lambda recording, group: np.array([False, True, True, False]),
+        disturbed_rows=lambda recording, group: np.array([False, False, False, group == 0]),
         _pushed=lambda recording, group: np.array([True, False, False, False]),
         pushes=(push(),),
+        disturbed={(0, 0): None},
     )
-    inside, whole = 9.0 - 0.25, 12.0 - 4 * 0.25
-    assert Evidence.pushed_share.func(own) == pytest.approx(inside / whole)
-    own.pushes = ()
-    assert Evidence.pushed_share.func(own) == 0.0
+    parts = np.array([9.0 - 0.25, 4.0 - 0.25, 2 * (1.0 - 0.25)])
+    assert Evidence._outside_shares.func(own) == pytest.approx(tuple(parts[:2] / parts.sum()))
+    own.pushes, own.disturbed = (), {}
+    assert Evidence._outside_shares.func(own) == (0.0, 0.0)
+
+
+def test_rows_that_no_law_has_are_judged_by_their_own_power() -> None:
+    """Where they are no more than a thousandth of the load, they are no finding."""
+    left = [np.array([3.0, 4.0, 0.1, 0.1]), np.array([3.0, 4.0, 0.1, 0.1])]
+    own = SimpleNamespace(
+        design=SimpleNamespace(groups=(("link", 0), ("link", 1))),
+        plain=SimpleNamespace(left=lambda fit, recording: left),
+        model_fit=None,
+        floor=SimpleNamespace(rms=np.array([[0.5, 0.5]])),
+        disturbed_rows=lambda recording, group: np.array([True, True, False, False]),
+        disturbed={(0, 0): None, (0, 1): None},
+        negligible=np.array([0.1, 4.0]),
+        heldout_noise=np.array([0.5, 0.5]),
+    )
+    assert Evidence.disturbed_powers(own) == pytest.approx([12.5 / 0.25, 0.0])

@@ -26,7 +26,10 @@ def selector(name: str, left: dict[str, float], lost: tuple[str, ...] = ()) -> S
         names = "".join(sorted(one.name for one in model))
         whole = SimpleNamespace(coefficients=f"{names} on {name}")
         return SimpleNamespace(
-            name=f"{names} on {name}", left=np.array([0.25, 0.75]) * left.get(names, 1.0), whole=whole
+            name=f"{names} on {name}",
+            left=np.array([0.25, 0.75]) * left.get(names, 1.0),
+            whole=whole,
+            design=SimpleNamespace(groups=()),
         )
 
     refiner = SimpleNamespace(

@@ -98,6 +98,7 @@ def evidence(torque: float, left: float, noise: float = 0.0) -> SimpleNamespace:
             left=lambda *_: [np.full(100, np.hypot(left, noise))],
         ),
         counted=lambda *_: np.ones(100, dtype=bool),
+        disturbed_rows=lambda *_: np.zeros(100, dtype=bool),
         rms=lambda *_: np.array([np.hypot(left, noise)]),
         selector=SimpleNamespace(model_fit=lambda model: SimpleNamespace(model=tuple(model))),
         excess_torque=lambda fit: 1.0 if fit is None or not fit.model else 0.1,
@@ -267,11 +268,21 @@ def test_motion_stays_near_within_its_noise(refitted: float, near: bool) -> None
 
 
 @pytest.mark.parametrize(
-    ("moment", "counts", "verdict"),
-    [(1.0, True, "no_gap"), (4.0, True, "unexplained"), (4.0, False, "no_gap")],
+    ("moment", "counts", "disturbed", "verdict"),
+    [
+        (1.0, True, False, "no_gap"),
+        (4.0, True, False, "unexplained"),
+        (4.0, False, False, "no_gap"),
+        (4.0, False, True, "unexplained"),
+    ],
 )
-def test_what_lasts_for_a_moment_is_judged_while_it_lasts(moment: float, counts: bool, verdict: str) -> None:
-    """A cable that snags for half a second of a long recording: little by its mean, and not by itself."""
+def test_what_lasts_for_a_moment_is_judged_while_it_lasts(
+    moment: float, counts: bool, disturbed: bool, verdict: str
+) -> None:
+    """A cable that snags for half a second of a long recording: little by its mean, and not by itself.
+
+    What is left out as contact does not count; what is left out because no law has it does.
+    """
     found = diagnosis(verdict="unexplained", explained=False)
     seen = evidence(0.0, 0.05, noise=0.05)
     left, rows = 0.05 * np.random.default_rng(3).normal(size=1000), np.ones(1000, dtype=bool)
@@ -279,6 +290,7 @@ def test_what_lasts_for_a_moment_is_judged_while_it_lasts(moment: float, counts:
     rows[500:510] = counts
     seen.plain.left = lambda *_: [left]
     seen.counted = lambda *_: rows
+    seen.disturbed_rows = lambda *_: ~rows & disturbed
     assert set_small_aside(found, seen, 0.01).verdict == verdict
 
 
