@@ -147,6 +147,12 @@ SEARCH = (
         lambda selector, found, *_: (selector, found, ()),
     ),
     Rule(
+        "goes-on",
+        "the search goes on beside a cause that took another's place",
+        "model_selection.repeated_search:_with_causes_beside",
+        lambda evidence, _: (evidence, ()),
+    ),
+    Rule(
         "disturbances",
         "moments that no law has are left out, and the search repeated",
         "model_selection.cause_search:without_disturbances",

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
@@ -110,3 +111,43 @@ def test_a_torque_may_be_three_times_too_much_or_too_little(
     coefficient = 1.0 - 1.0 / factor if port == "sensor" else factor - 1.0
     assert bool(columns.lower[0] < coefficient < columns.upper[0]) is believed
     assert GAIN_MAX == 3.0
+
+
+@dataclass(frozen=True)
+class Found:
+    """As much of the evidence as the search that goes on looks at."""
+
+    model_fit: SimpleNamespace
+    selector: SimpleNamespace
+    refusal: str = "before"
+    plain: None = None
+    prepared: tuple[()] = ()
+
+
+def exchanged(monkeypatch: pytest.MonkeyPatch, beside: Collection[str], certain: Collection[str]) -> tuple:
+    """What stands once an offset took another's place; the search finds some beside it, of which some are certain."""
+    offset = SimpleNamespace(key=("encoder_offset", "lift", "sensor"))
+    more = [SimpleNamespace(key=(name, "lift", "actuator")) for name in beside]
+    found = SimpleNamespace(causes=(offset, *more), refusal="after")
+    selector = SimpleNamespace(go_on=lambda known, _: found if known == [offset] else None)
+    monkeypatch.setattr(
+        stages,
+        "tested",
+        lambda _selector, causes, *_: SimpleNamespace(
+            model=[term for term in causes if term is offset or term.key[0] in certain]
+        ),
+    )
+    monkeypatch.setattr(stages, "without_unconfirmed", lambda evidence: (evidence, ("confirmed",)))
+    evidence, notes = stages._with_causes_beside(
+        Found(SimpleNamespace(model=[offset]), selector), lambda _: None
+    )
+    return [term.key[0] for term in evidence.model_fit.model], evidence.refusal, notes
+
+
+def test_the_search_goes_on_beside_what_took_anothers_place(monkeypatch) -> None:
+    """It had stopped beside the wrong cause; what is found now must be certain and confirmed as the others are."""
+    names = ["encoder_offset", "torque_offset"]
+    found = exchanged(monkeypatch, ["torque_offset", "payload"], ["torque_offset"])
+    assert found == (names, "after", ("confirmed",))
+    for beside in ([], ["payload"]):
+        assert exchanged(monkeypatch, beside, ["torque_offset"]) == (names[:1], "before", ())

@@ -242,7 +242,7 @@ def test_of_two_uncertain_causes_the_one_that_gains_less_goes_first(
         "significant_terms",
         lambda model_fit, refiner: model_fit.model if len(model_fit.model) == 1 else [],
     )
-    found = cause_search._tested(selector, terms, None, ())
+    found = cause_search.tested(selector, terms, None, ())
     assert [term.name for term in found.model] == [left]
 
 

@@ -118,7 +118,7 @@ def search_causes(
         selector, found, pushes = without_pushes(selector, found, prepared, progress)
     selector, found, disturbed = without_disturbances(selector, found, prepared, progress)
     plain = UnwhitenedFit(selector.refiner)
-    model_fit = _tested(selector, found.causes, plain, prepared)
+    model_fit = tested(selector, found.causes, plain, prepared)
     floor, pairs = selector.design.whitening, repeat_pairs(prepared, split.fitted)
     if pairs:
         # With the causes known, differences between repeated motions no longer raise the noise floor.
@@ -227,7 +227,7 @@ def _without_load_reversals(
     return selector, selector.run(progress), ()
 
 
-def _tested(
+def tested(
     selector: Selector,
     causes: Sequence[ModelTerm],
     plain: UnwhitenedFit,

@@ -254,7 +254,7 @@ def _intervals(
     strength = np.array([chi_square_of(forces, slice(3 * k, 3 * k + 3)) for k in range(count)])
     runs = _runs(strength > SIGNIFICANT)
     weak = model_fit.design.whitening.weak
-    least = WEAK_FLOOR_FACTOR * GAIN_MIN if weak else GAIN_MIN
+    least = WEAK_FLOOR_FACTOR * GAIN_MIN if weak and not known else GAIN_MIN
     pattern = _pattern_min(forces) if weak and not known else PATTERN_MIN
     groups = [g for g, (residual, _) in enumerate(model_fit.design.groups) if uses_motion(residual)]
     each = np.array([free_torques(model_fit, item, r, left, g) for g in groups])

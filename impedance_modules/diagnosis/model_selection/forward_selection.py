@@ -114,11 +114,14 @@ class Selector:
 
         After a removal the search goes on from what remains, a few times at most.
         """
-        model = list(
-            geared_start_model(self.model_fit([]), self.model_fit, self.trials, self.rejection_reason)
-        )
-        for term in model:
+        begun = geared_start_model(self.model_fit([]), self.model_fit, self.trials, self.rejection_reason)
+        for term in begun:
             progress(f"found {term.key[0]} on {term.key[1]}")
+        return self.go_on(begun, progress)
+
+    def go_on(self, begun: Sequence[ModelTerm], progress: Callable[[str], None]) -> Selection:
+        """Searches as `run` does, beside causes that are known."""
+        model = list(begun)
         refusal: Refusal | None = None
         for _ in range(ROUNDS):
             model, refusal = self._add_causes(model, progress)

@@ -4,11 +4,17 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 from functools import partial
 
 from impedance_modules.diagnosis.data.folds import DataSplit
 from impedance_modules.diagnosis.data.nominal_model import NominalModel
-from impedance_modules.diagnosis.model_selection.cause_search import CandidateKey, Progress, search_causes
+from impedance_modules.diagnosis.model_selection.cause_search import (
+    CandidateKey,
+    Progress,
+    search_causes,
+    tested,
+)
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.model_selection.external_pushes import push_notes
 from impedance_modules.diagnosis.model_selection.held_out_rivals import with_likelier_rivals
@@ -71,6 +77,9 @@ class RepeatedSearch:
         evidence, elsewhere = weighed_where_they_act(evidence)
         evidence, unneeded = without_unconfirmed(evidence)
         evidence, exchanged = with_likelier_rivals(evidence)
+        if exchanged:
+            evidence, beside = _with_causes_beside(evidence, self._progress)
+            exchanged = (*exchanged, *beside)
         evidence, weightless = without_weightless(evidence)
         pushed = push_notes(evidence.pushes, self._prepared)
         return evidence, (
@@ -82,3 +91,13 @@ class RepeatedSearch:
             *exchanged,
             *weightless,
         )
+
+
+def _with_causes_beside(evidence: Evidence, progress: Progress) -> tuple[Evidence, tuple[str, ...]]:
+    """Goes on with the search beside causes that took the place of others: it had stopped beside the wrong ones."""
+    known, selector = evidence.model_fit.model, evidence.selector
+    found = selector.go_on(known, progress)
+    model_fit = tested(selector, found.causes, evidence.plain, evidence.prepared)
+    if {term.key for term in model_fit.model} <= {term.key for term in known}:
+        return evidence, ()
+    return without_unconfirmed(replace(evidence, model_fit=model_fit, refusal=found.refusal))
