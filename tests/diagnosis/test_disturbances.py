@@ -68,14 +68,14 @@ def test_a_knock_within_the_tolerance_is_small(tmp_path: Path) -> None:
     assert answer(tmp_path, paths)[1]["verdict"] == "no_gap"
 
 
-def searched(
-    monkeypatch: pytest.MonkeyPatch, masks: list[np.ndarray], *, well: bool = True
-) -> tuple[str, int, dict]:
-    """A search that leaves out one mask (M,) after the other: which one stands, how often, and the rows left out."""
-    calm = iter([*({(0, 0): ~mask} for mask in masks), {}])
+def searched(monkeypatch: pytest.MonkeyPatch, masks: list[np.ndarray], *well: bool) -> tuple[str, int, dict]:
+    """A search that leaves out one mask (M,) after the other, and whether what it finds then fits as well.
+
+    Returns which search stands, how many were done, and the rows that are left out.
+    """
+    calm, fits, runs = iter([*({(0, 0): ~mask} for mask in masks), {}]), iter(well), []
     monkeypatch.setattr(search_beside_disturbances, "_clear_rows", lambda *_: next(calm))
-    monkeypatch.setattr(search_beside_disturbances, "fits_as_well", lambda *_: well)
-    runs: list[int] = []
+    monkeypatch.setattr(search_beside_disturbances, "fits_as_well", lambda *_: next(fits, True))
 
     class Searching:
         def __init__(self, name: str, clear: dict) -> None:
@@ -88,12 +88,16 @@ def searched(
             return Searching(f"{self.name}+", clear)
 
         def run(self, _: object) -> SimpleNamespace:
-            runs.append(1)
+            runs.append(self.name)
             return SimpleNamespace(causes=[])
 
     first = Searching("all", {})
     selector, _, left_out = without_disturbances(first, SimpleNamespace(causes=[]), [], lambda _: None)
-    return selector.name, len(runs), left_out
+    return (
+        selector.name,
+        len(runs),
+        {place: np.flatnonzero(lost).tolist() for place, lost in left_out.items()},
+    )
 
 
 def rows(*places: int) -> np.ndarray:
@@ -101,15 +105,20 @@ def rows(*places: int) -> np.ndarray:
 
 
 def test_moments_that_lay_hidden_are_left_out_too(monkeypatch) -> None:
-    name, runs, left_out = searched(monkeypatch, [rows(3), rows(3, 12)])
-    assert (name, runs) == ("all++", 2)
-    assert np.flatnonzero(left_out[0, 0]).tolist() == [3, 12]
+    assert searched(monkeypatch, [rows(3), rows(3, 12)]) == ("all++", 2, {(0, 0): [3, 12]})
 
 
-@pytest.mark.parametrize(
-    ("masks", "well"), [([rows(*range(5))], True), ([rows(3), rows(*range(8))], True), ([rows(3)], False)]
-)
-def test_what_is_frequent_or_explained_better_with_them_stays(monkeypatch, masks, well) -> None:
-    """A fifth of all rows is no moment, and causes that fit the other rows worse were found for want of these."""
-    name, _, left_out = searched(monkeypatch, masks, well=well)
-    assert (name, left_out) == ("all", {})
+def test_the_search_is_repeated_three_times_at_most(monkeypatch) -> None:
+    each = [rows(place) for place in (1, 2, 3, 4)]
+    assert searched(monkeypatch, each) == ("all+++", 3, {(0, 0): [1, 2, 3]})
+
+
+def test_a_fifth_of_all_rows_is_no_moment(monkeypatch) -> None:
+    assert searched(monkeypatch, [rows(*range(5))]) == ("all", 0, {})
+    assert searched(monkeypatch, [rows(3), rows(*range(8))]) == ("all", 1, {})
+
+
+def test_a_search_whose_causes_fit_worse_does_not_stand(monkeypatch) -> None:
+    """Without these moments the first causes explain the other rows better: what was found is for want of them."""
+    assert searched(monkeypatch, [rows(3)], False) == ("all", 1, {})
+    assert searched(monkeypatch, [rows(3), rows(12)], True, False) == ("all+", 2, {(0, 0): [3]})

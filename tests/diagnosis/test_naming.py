@@ -41,7 +41,7 @@ class Evidence:
 
     powers: dict[str, float]
     model_fit: SimpleNamespace
-    pushed_share: float = 0.0
+    outside_share: float = 0.0
     pushes: tuple[object, ...] = ()
     excess: dict[bool, float] | None = None
     calibrated: SimpleNamespace | None = None
@@ -144,10 +144,10 @@ def test_a_limit_that_no_held_out_recording_reaches_is_weighed_by_all(fixed: boo
 def test_beside_pushes_that_make_all_of_the_gap_nothing_is_named() -> None:
     """An elastic joint fitted to the noise beside a push was named with weight zero."""
     beside = held_out(spring=0.9, friction=0.3)
-    assert without_unconfirmed(replace(beside, pushed_share=0.9))[1] == ()
-    found, notes = without_unconfirmed(replace(beside, pushed_share=1.0))
+    assert without_unconfirmed(replace(beside, outside_share=0.9))[1] == ()
+    found, notes = without_unconfirmed(replace(beside, outside_share=1.0))
     assert named(found) == []
-    assert [note.split(": ")[-1] for note in notes] == ["pushes make all of the gap"] * 2
+    assert [note.split(": ")[-1] for note in notes] == ["what acts from outside makes all of the gap"] * 2
 
 
 def cause(effect: str, verdict: str | None, port: str = "link") -> SimpleNamespace:

@@ -69,12 +69,10 @@ def causes_of_model(evidence: Evidence) -> tuple[Cause, ...]:
     total = evidence.whitened_excess(None)
     left = min(1.0, evidence.whitened_excess(evidence.model_fit) / total) if total > 0.0 else 0.0
     gains = sum(cause.weight for cause in merged.values())
-    share = evidence.pushed_share
-    calm = 1.0 - share - evidence.disturbed_share
-    scale = calm * (1.0 - left) / gains if gains > 0.0 else 0.0
+    scale = (1.0 - evidence.outside_share) * (1.0 - left) / gains if gains > 0.0 else 0.0
     weighed = [replace(cause, weight=cause.weight * scale) for cause in merged.values()]
     if evidence.pushes:
-        weighed.append(cause_of_pushes(evidence.pushes, share))
+        weighed.append(cause_of_pushes(evidence.pushes, evidence.pushed_share))
     return tuple(sorted(weighed, key=lambda cause: -cause.weight))
 
 

@@ -158,6 +158,11 @@ class Evidence:
         """The same of moments that no law has."""
         return self._outside_shares[1]
 
+    @property
+    def outside_share(self) -> float:
+        """Both together."""
+        return self.pushed_share + self.disturbed_share
+
     @cached_property
     def _outside_shares(self) -> tuple[float, float]:
         """Of pushes and of disturbed moments.

@@ -131,8 +131,8 @@ def without_unconfirmed(evidence: Evidence) -> tuple[Evidence, tuple[str, ...]]:
     """Leaves out the terms that the held-out recordings do not need, one after the other, the least first.
 
     Of two that explain the same, one stays. What links, weights and stamps explain in a term's place as well is needed
-    all the same if they would have to be further off than is likely. Beside pushes that make all of the gap no term
-    is needed.
+    all the same if they would have to be further off than is likely. Beside pushes and knocks that make all of the gap
+    no term is needed.
 
     Returns:
         The evidence with the others fitted again, and a sentence for each that was left out.
@@ -143,10 +143,12 @@ def without_unconfirmed(evidence: Evidence) -> tuple[Evidence, tuple[str, ...]]:
             ((term, _needed_part(evidence, term)) for term in evidence.model_fit.model),
             key=lambda item: item[1],
         )
-        if least >= HELD_OUT_MIN and evidence.pushed_share < 1.0:
+        if least >= HELD_OUT_MIN and evidence.outside_share < 1.0:
             break
         where = (
-            "pushes make all of the gap" if least >= HELD_OUT_MIN else "held-out recordings do not need it"
+            "what acts from outside makes all of the gap"
+            if least >= HELD_OUT_MIN
+            else "held-out recordings do not need it"
         )
         notes.append(f"not named: {term.candidate.name}: {where}")
         evidence = _without(evidence, [term])

@@ -4,7 +4,7 @@
 A push on a link that several joints feel is a cause (`external_pushes`). What one joint feels alone, or what no single
 force explains, could be anything, and is none. But as long as such moments count, they hide causes that are there all
 the time, and others are named for them. So they are left out, and causes are searched again. What lay hidden may show
-then, and other moments beside it: the search ends where none is left. The gap of these moments stays unexplained.
+then, and other moments beside it, so that is done again. The gap of these moments stays unexplained.
 """
 
 from __future__ import annotations
@@ -23,9 +23,13 @@ from impedance_modules.diagnosis.regression.disturbed_moments import OUTLYING_SH
 from impedance_modules.diagnosis.regression.model_fit import ModelFit
 from impedance_modules.diagnosis.residuals.contact_mask import Mask, intersect_masks
 from impedance_modules.diagnosis.residuals.preparation import Prepared
+from impedance_modules.effects.residual_kinds import uses_motion
 
 RowsOfGroups = Mapping[tuple[int, int], Mask]
 """Recording and group -> (M,) rows."""
+
+PASSES = 3
+"""Times that the search is repeated at most: each takes as long as the first."""
 
 
 def without_disturbances(
@@ -34,31 +38,43 @@ def without_disturbances(
     """Repeats the search without moments in which the causes leave what neither they nor noise can have.
 
     Returns:
-        The search, what it found, and the rows that it leaves out; as given, and none, where there are no such
-        moments, too many of them, or causes that explain the other rows better with them.
+        The search, what it found, and the rows that it leaves out: none where there are no such moments, or too many
+        of them. It is not repeated where the causes that were found with them explain the other rows better.
     """
     first, begun, disturbed = selector, found, dict[tuple[int, int], Mask]()
-    while clear := _clear_rows(selector.model_fit(found.causes), prepared):
+    for _ in range(PASSES):
+        clear = _clear_rows(selector.model_fit(found.causes), prepared)
+        if not clear:
+            break
         known = selector.design.whitening.clear
-        every = {place: np.ones(len(rows), dtype=bool) for place, rows in clear.items()}
-        new = {place: known.get(place, every[place]) & ~rows for place, rows in clear.items()}
-        disturbed = {place: rows | disturbed.get(place, ~every[place]) for place, rows in new.items()}
-        if _share(disturbed) > OUTLYING_SHARE_MAX:
+        wider = _lost(clear, known, disturbed)
+        if _share(wider) > OUTLYING_SHARE_MAX:
             return first, begun, {}
         progress("masking moments that no law has")
         masked = selector.on(selector.design.without(intersect_masks(known, clear)))
         again = masked.run(progress)
         if not fits_as_well(masked, again.causes, found.causes):
-            return first, begun, {}
-        selector, found = masked, again
+            break
+        selector, found, disturbed = masked, again, wider
     return selector, found, disturbed
 
 
 def _clear_rows(model_fit: ModelFit, prepared: Sequence[Prepared]) -> dict[tuple[int, int], Mask]:
     """Rows without moments that are unusual beside the others and cannot be noise; empty where there are none."""
-    left = [model_fit.residuals(model_fit.whole.coefficients, r) for r in range(len(prepared))]
-    moments = (moment_ratio([own[g] for own in left], model_fit.design.rate) for g in range(len(left[0])))
-    return calm_rows(model_fit, prepared) if max(moments) > MOMENT_MAX else {}
+    design, coefficients = model_fit.design, model_fit.whole.coefficients
+    left = [model_fit.residuals(coefficients, r) for r in range(len(prepared))]
+    moved = [g for g, (residual, _) in enumerate(design.groups) if uses_motion(residual)]
+    loudest = max((moment_ratio([own[g] for own in left], design.rate) for g in moved), default=0.0)
+    return calm_rows(model_fit, prepared) if loudest > MOMENT_MAX else {}
+
+
+def _lost(clear: RowsOfGroups, known: RowsOfGroups, before: RowsOfGroups) -> dict[tuple[int, int], Mask]:
+    """Rows that count no more: those lost ``before``, and those of the ``known`` ones that are not ``clear``."""
+    out = {}
+    for place, rows in clear.items():
+        nothing = np.zeros(len(rows), dtype=bool)
+        out[place] = before.get(place, nothing) | (known.get(place, ~nothing) & ~rows)
+    return out
 
 
 def disturbance_notes(
