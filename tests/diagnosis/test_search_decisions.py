@@ -2,6 +2,7 @@
 """Single decisions of the search for causes, on simple made-up models: which is tried, exchanged, displaced, kept."""
 
 from collections import Counter
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -87,9 +88,12 @@ def test_what_is_removed_is_remembered_and_the_search_goes_on(monkeypatch: pytes
         model_fit=lambda model: None, trials=None, rejection_reason=None, refiner=None, _removals=Counter()
     )
     selector._add_causes, selector.simplest, selector.one_for_two = add_causes, list, list
+    selector.go_on = partial(Selector.go_on, selector)
     found = Selector.run(selector, lambda text: None)
     assert begun == [[], [first, third]] and found.causes == (first, third)
     assert selector._removals == Counter({second.key: 1})
+    added, kept = [[first, third]], [[first, third]]
+    assert selector.go_on([first], lambda text: None).causes == (first, third) and begun[2:] == [[first]]
 
 
 @pytest.mark.parametrize(
