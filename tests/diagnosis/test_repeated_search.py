@@ -122,10 +122,19 @@ class Found:
     refusal: str = "before"
     plain: None = None
     prepared: tuple[()] = ()
+    gained: float = 10.0
+
+    def held_out_likelihood(self, model_fit: SimpleNamespace) -> np.ndarray:
+        return np.array([-5.0, self.gained * (len(model_fit.model) - 1)])
 
 
-def exchanged(monkeypatch: pytest.MonkeyPatch, beside: Collection[str], certain: Collection[str]) -> tuple:
-    """What stands once an offset took another's place; the search finds some beside it, of which some are certain."""
+def exchanged(
+    monkeypatch: pytest.MonkeyPatch, beside: Collection[str], certain: Collection[str], gained: float = 10.0
+) -> tuple:
+    """What stands once an offset took another's place; the search finds some beside it, of which some are certain.
+
+    Each of these changes the likelihood of the held-out recordings by ``gained``.
+    """
     offset = SimpleNamespace(key=("encoder_offset", "lift", "sensor"))
     more = [SimpleNamespace(key=(name, "lift", "actuator")) for name in beside]
     found = SimpleNamespace(causes=(offset, *more), refusal="after")
@@ -139,7 +148,7 @@ def exchanged(monkeypatch: pytest.MonkeyPatch, beside: Collection[str], certain:
     )
     monkeypatch.setattr(stages, "without_unconfirmed", lambda evidence: (evidence, ("confirmed",)))
     evidence, notes = stages._with_causes_beside(
-        Found(SimpleNamespace(model=[offset]), selector), lambda _: None
+        Found(SimpleNamespace(model=[offset]), selector, gained=gained), lambda _: None
     )
     return [term.key[0] for term in evidence.model_fit.model], evidence.refusal, notes
 
@@ -151,3 +160,8 @@ def test_the_search_goes_on_beside_what_took_anothers_place(monkeypatch) -> None
     assert found == (names, "after", ("confirmed",))
     for beside in ([], ["payload"]):
         assert exchanged(monkeypatch, beside, ["torque_offset"]) == (names[:1], "before", ())
+
+
+def test_what_makes_the_held_out_recordings_less_likely_does_not_stand(monkeypatch) -> None:
+    found = exchanged(monkeypatch, ["torque_offset"], ["torque_offset"], gained=-1.0)
+    assert found == (["encoder_offset"], "before", ())

@@ -94,10 +94,14 @@ class RepeatedSearch:
 
 
 def _with_causes_beside(evidence: Evidence, progress: Progress) -> tuple[Evidence, tuple[str, ...]]:
-    """Goes on with the search beside causes that took the place of others: it had stopped beside the wrong ones."""
-    known, selector = evidence.model_fit.model, evidence.selector
-    found = selector.go_on(known, progress)
+    """Goes on with the search beside causes that took the place of others: it had stopped beside the wrong ones.
+
+    What it finds stands if the held-out recordings, for which the others took their place, are likelier with it.
+    """
+    known, selector = evidence.model_fit, evidence.selector
+    found = selector.go_on(known.model, progress)
     model_fit = tested(selector, found.causes, evidence.plain, evidence.prepared)
-    if {term.key for term in model_fit.model} <= {term.key for term in known}:
+    before, after = (float(evidence.held_out_likelihood(one).sum()) for one in (known, model_fit))
+    if after <= before:
         return evidence, ()
     return without_unconfirmed(replace(evidence, model_fit=model_fit, refusal=found.refusal))

@@ -202,9 +202,10 @@ def layout_of(
     """
     touched = sorted({g for blocks in regressor.blocks for g, group in enumerate(groups) if group in blocks})
     scale = _scale(regressor)
-    reach = scale * _range(regressor)
+    spatial = _spatial(regressor)
+    reach = scale if spatial else scale * _range(regressor)
     unseen = reach <= UNSEEN * reach.max(initial=0.0)
-    if not touched or unseen.all() or (unseen.any() and not _spatial(regressor)):
+    if not touched or unseen.all() or (unseen.any() and not spatial):
         return None
     scale = np.where(unseen, 1.0, scale)
     size = len(regressor.lower)
