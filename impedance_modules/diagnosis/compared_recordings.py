@@ -172,4 +172,5 @@ def _compared(
     if hold:
         raise BadInput("--hold goes with --urdf (valid: 'locked' in the robot's own file)")
     spec = read_robot(str(robot))
-    yield ComparedModel(model_of_spec(spec, joints), spec.urdf, PatchTarget.of_robot(spec), ())
+    target = partial(PatchTarget.of_robot, spec)
+    yield ComparedModel(model_of_spec(spec, joints), spec.urdf, target, ())

@@ -12,7 +12,7 @@ from impedance_modules.effects.catalogue import CATALOGUE
 from impedance_modules.effects.patch_check import target_problems
 from impedance_modules.effects.regressor import PAIR
 from impedance_modules.effects.rigid_model import RigidModel
-from impedance_modules.errors import BadFile, BadInput
+from impedance_modules.errors import BadFile
 from impedance_modules.spec.patch_file import EffectSpec, read_patch
 
 
@@ -30,15 +30,14 @@ def read_known_effects(
         note: Called with what is left out.
 
     Raises:
-        BadInput: The file cannot be read, or is for another robot.
-        BadFile: It does not fit the catalogue or the description; every problem with its place.
+        BadInput: The file cannot be read.
+        BadFile: It is for another robot, or does not fit catalogue or description; every problem with its place.
     """
     patch = read_patch(path)
     if patch.robot != compared.model.robot:
-        raise BadInput(
-            f"{path}: the patch is for robot '{patch.robot}', the model is '{compared.model.robot}'"
-        )
-    problems = target_problems(patch, compared.target)
+        message = f"the patch is for robot '{patch.robot}', the model is '{compared.model.robot}'"
+        raise BadFile([patch.document.problem(("robot",), message)])
+    problems = target_problems(patch, compared.target())
     if problems:
         raise BadFile(problems)
     joints = frozenset(compared.model.joints)

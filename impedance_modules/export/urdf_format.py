@@ -22,8 +22,6 @@ from impedance_modules.robot.rotation import exp3
 from impedance_modules.spec.located_xml import Faults, read_number, read_xml
 from impedance_modules.spec.urdf import UrdfFacts, read_urdf
 
-"""Types of joints that a patch may name."""
-
 UPRIGHT, LEAN = "_upright", "_lean"
 """What the link and the joint are called that a leaning base hangs on, behind the base's own name."""
 

@@ -232,7 +232,7 @@ def test_a_term_counts_if_it_is_more_than_negligible_in_any_group() -> None:
 
 def test_runs_bridge_one_gap_and_end_at_two() -> None:
     def runs(text: str) -> list[tuple[int, int]]:
-        return external_pushes._runs(np.array([letter == "x" for letter in text]))
+        return external_pushes.runs_of(np.array([letter == "x" for letter in text]))
 
     assert runs("..xx..x.") == [(2, 4), (6, 7)]
     assert runs("x.x..x.x") == [(0, 3), (5, 8)]

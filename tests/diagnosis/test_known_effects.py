@@ -9,7 +9,7 @@ from impedance_modules.diagnosis.data.model_file import ComparedModel, compared_
 from impedance_modules.diagnosis.data.nominal_model import model_of_spec
 from impedance_modules.diagnosis.known_effects import read_known_effects
 from impedance_modules.effects.patch_check import PatchTarget
-from impedance_modules.errors import BadFile, BadInput
+from impedance_modules.errors import BadFile
 from impedance_modules.spec.robot_reader import read_robot
 from tests.diagnosis.test_diagnosis import JOINTS, URDF
 from tests.diagnosis.test_diagnosis_data import diagnose, good
@@ -47,7 +47,7 @@ def test_a_patch_that_does_not_fit_is_refused_at_its_place(tmp_path, joint, valu
 def baxter_right() -> ComparedModel:
     spec = read_robot("baxter")
     joints = [name for name in spec.joints if name.startswith("right")]
-    return ComparedModel(model_of_spec(spec, joints), spec.urdf, PatchTarget.of_robot(spec), ())
+    return ComparedModel(model_of_spec(spec, joints), spec.urdf, lambda: PatchTarget.of_robot(spec), ())
 
 
 BOTH_ARMS = (
@@ -94,5 +94,5 @@ def test_every_problem_is_said_at_once_and_another_robots_patch_is_refused(tmp_p
     with pytest.raises(BadFile) as caught:
         read_known_effects(write(tmp_path, "baxter", *bad), baxter_right(), lambda _: None)
     assert len(caught.value.problems) == 2
-    with pytest.raises(BadInput, match="the patch is for robot 'crane', the model is 'baxter'"):
+    with pytest.raises(BadFile, match=r"patch\.yaml:2:8: .*robot 'crane', the model is 'baxter'"):
         read_known_effects(write(tmp_path, "crane", bad[0]), baxter_right(), lambda _: None)

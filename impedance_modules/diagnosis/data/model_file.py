@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import tempfile
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -40,13 +41,13 @@ class ComparedModel:
     Attributes:
         model: For the recorded joints that move by themselves.
         urdf: Its links, plain; there as long as the block of ``compared_model`` runs.
-        target: What a patch of it may name: all joints and links of the description, recorded or not.
+        target: Finds what a patch of it may name: all joints and links of the description, recorded or not.
         known_effects: What the description states beyond links: dry friction of a MuJoCo model.
     """
 
     model: NominalModel
     urdf: Path
-    target: PatchTarget
+    target: Callable[[], PatchTarget]
     known_effects: tuple[EffectSpec, ...]
 
 
@@ -86,7 +87,8 @@ def compared_model(
             if mujoco is not None:
                 model = _with_rotors(model, mujoco)
             model = replace(model, notes=tuple(notes))
-            yield ComparedModel(model, plain, PatchTarget.of_urdf(path, facts), _friction(model, mujoco))
+            target = partial(PatchTarget.of_urdf, path, facts)
+            yield ComparedModel(model, plain, target, _friction(model, mujoco))
 
 
 def driven_joints(path: Path) -> tuple[str, ...]:

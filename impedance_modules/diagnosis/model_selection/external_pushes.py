@@ -252,7 +252,7 @@ def _intervals(
     """Runs of significant hats that meet the conditions of a push; on a ``known`` link one joint may suffice."""
     count = len(forces.force)
     strength = np.array([chi_square_of(forces, slice(3 * k, 3 * k + 3)) for k in range(count)])
-    runs = _runs(strength > SIGNIFICANT)
+    runs = runs_of(strength > SIGNIFICANT)
     weak = model_fit.design.whitening.weak
     least = WEAK_FLOOR_FACTOR * GAIN_MIN if weak and not known else GAIN_MIN
     pattern = _pattern_min(forces) if weak and not known else PATTERN_MIN
@@ -308,7 +308,7 @@ def _pattern_min(forces: Forces) -> float:
     return chance + PATTERN_MIN * (1.0 - chance)
 
 
-def _runs(strong: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def runs_of(strong: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """First and last-but-one index of every run of true values; one false value does not end a run."""
     bridged = strong.copy()
     bridged[1:-1] |= strong[:-2] & strong[2:]

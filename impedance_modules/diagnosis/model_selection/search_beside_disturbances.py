@@ -15,6 +15,7 @@ import numpy as np
 
 from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.model_selection.calm_moments import calm_rows
+from impedance_modules.diagnosis.model_selection.external_pushes import runs_of
 from impedance_modules.diagnosis.model_selection.forward_selection import Selection, Selector
 from impedance_modules.diagnosis.model_selection.lack_of_fit import MOMENT_MAX, moment_ratio
 from impedance_modules.diagnosis.model_selection.search_beside_pushes import fits_as_well
@@ -110,13 +111,10 @@ def _gap(item: Prepared, group: Group) -> Array:
 
 def _peak(item: Prepared, group: Group, peak: float) -> str:
     _, joint = group
-    return f"up to {peak:.2g} {item.tree.units()[joint]} on {item.tree.joints[joint]}"
+    return f"a gap of up to {peak:.2g} {item.tree.units()[joint]} on {item.tree.joints[joint]}"
 
 
 def _spans(item: Prepared, own: Mapping[int, Mask]) -> list[tuple[float, float]]:
     """Begin and end of each run of rows, in the recording that a segment was cut from [s]."""
-    rows = np.any(list(own.values()), axis=0)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], rows, [False]]).astype(int)))
-    return [
-        (float(item.time[a]), float(item.time[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True)
-    ]
+    runs = runs_of(np.any(list(own.values()), axis=0))
+    return [(float(item.time[first]), float(item.time[last - 1])) for first, last in runs]
