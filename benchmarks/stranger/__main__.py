@@ -49,6 +49,7 @@ def main() -> None:
             "ninth",
             "tenth",
             "eleventh",
+            "twelfth",
             "smoke",
         ],
         default="real",

@@ -26,6 +26,7 @@ SALT = {
     "ninth": "the same stranger, eight years later",
     "tenth": "the same stranger, nine years later",
     "eleventh": "the same stranger, ten years later",
+    "twelfth": "the same stranger, eleven years later",
     "smoke": "only to see that it is read",
 }
 
