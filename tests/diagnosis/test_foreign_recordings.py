@@ -101,6 +101,26 @@ def test_of_two_recordings_the_one_too_short_to_be_cut_is_held_out(tmp_path, urd
     assert len(found.folds) >= FOLDS_MIN
 
 
+def test_efforts_on_a_clock_of_their_own_are_told_in_short_recordings(tmp_path):
+    """They come 45 ms late: a delay of each joint's command would leave the torque of the links late."""
+    paths = []
+    for kind in range(4):
+        dice = np.random.default_rng(kind)
+        t, q, v, a = motion(kind, 10.0)
+        tau = torque(q, v, a, mass=1.0)
+        late = np.column_stack([np.interp(t - 0.045, t, column) for column in tau.T])
+        late += dice.normal(scale=0.02, size=tau.shape)
+        q = q + dice.normal(scale=1e-5, size=q.shape)
+        values = columns_of(t, JOINTS, position=q, effort=late, effort_command=tau)
+        paths.append(save(tmp_path, f"run{kind}", values, effort_source="joint_sensor"))
+    _, found = answer(tmp_path, paths)
+    first = found["causes"][0]
+    numbers = first["parameters"]["log"]
+    assert first["effect"] == "clock_drift" and numbers["apart"]["value"] == 2.0
+    late = numbers["T"]
+    assert abs(late["value"] - 0.045) < 2.0 * late["std"] < 0.02
+
+
 PENDULUM = """<robot name="pendulum"><link name="base"/><link name="rod"><inertial><mass value="0.5"/>
 <origin xyz="0 0 -0.25"/><inertia ixx="0.01" iyy="0.01" izz="0.0002" ixy="0" ixz="0" iyz="0"/></inertial></link>
 <joint name="swing" type="continuous"><parent link="base"/><child link="rod"/><axis xyz="0 1 0"/></joint></robot>"""

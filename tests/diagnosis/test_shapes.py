@@ -222,3 +222,21 @@ def test_a_mass_and_its_moments_do_not_cancel_at_a_million(apart: float, seed: i
     found = np.linalg.solve(X.T @ X + np.diag(layout.precision), X.T @ target) / layout.scale
     assert np.abs(found).max() < 3.0 * HEAVY
     assert found[0] + found[1] == pytest.approx(8.3, abs=0.1)
+
+
+@pytest.mark.parametrize("seconds", [3.0, 12.0, 60.0])
+@pytest.mark.parametrize("nothing", [None, 0, 1])
+def test_a_column_is_none_by_what_it_can_do_and_not_by_its_unit(seconds: float, nothing: int | None) -> None:
+    """A clock's rate in millionths beside an age in seconds: the columns differ by a million, what they do does not."""
+    time = np.linspace(0.0, seconds, 400)
+    rate = np.cos(3.0 * time)
+    columns = np.column_stack([1e-6 * time * rate, rate])
+    if nothing is not None:
+        columns[:, nothing] = 0.0
+    clock = CATALOGUE["clock_drift"]
+    most = np.array([clock.description.parameter(symbol).upper for symbol in ("ppm", "T")])
+    regressor = CandidateRegressor(
+        Candidate(clock, "timing", "log", ()), {}, ("clock_drift", "log", "timing")
+    )
+    regressor.append(SimpleNamespace(blocks={("motor", 0): columns}, lower=-most, upper=most, fixed=False))
+    assert (layout_of(regressor, [("motor", 0)], {}, {0: 0}) is None) is (nothing is not None)

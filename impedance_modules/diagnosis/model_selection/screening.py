@@ -97,7 +97,11 @@ class Screening:
         return out
 
     def rank(self, model_fit: ModelFit) -> list[ScreenedCandidate]:
-        """Ranks all candidates that the model does not hold yet, best first; done once for each model."""
+        """Ranks all candidates that the model does not hold yet, best first; done once for each model.
+
+        Where priors are far off, several would explain everything, and more by what they save there: of these the one
+        with the largest power is first.
+        """
         known = self._ranked.get(model_fit)
         if known is None:
             known = self._ranked[model_fit] = self._ranking(model_fit)
@@ -114,7 +118,7 @@ class Screening:
         entries: list[ScreenedCandidate] = []
         for width, members in self.classes:
             entries += self._judge(model_fit, width, members, (own, left, right), held)
-        return sorted(entries, key=lambda entry: -entry.gain)
+        return sorted(entries, key=lambda entry: (-entry.gain, -entry.power))
 
     def _against(self, model_fit: ModelFit) -> tuple[Array, Array, Array]:
         """All columns against the model (C, A), against themselves (lags, C), and against what is left (C,)."""

@@ -33,7 +33,7 @@ Mask = NDArray[np.bool_]
 Real = TypeVar("Real", Array, Thin)
 
 UNSEEN = 1e-5
-"""A column smaller than this part of the largest one beside it is zero but for rounding."""
+"""A column whose largest torque is less than this part of another's beside it is zero but for rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,7 +202,8 @@ def layout_of(
     """
     touched = sorted({g for blocks in regressor.blocks for g, group in enumerate(groups) if group in blocks})
     scale = _scale(regressor)
-    unseen = scale <= UNSEEN * scale.max(initial=0.0)
+    reach = scale * _range(regressor)
+    unseen = reach <= UNSEEN * reach.max(initial=0.0)
     if not touched or unseen.all() or (unseen.any() and not _spatial(regressor)):
         return None
     scale = np.where(unseen, 1.0, scale)
@@ -282,6 +283,12 @@ def _spatial(regressor: CandidateRegressor) -> bool:
     """Whether a regressor is about a body or the base: what a motion shows of it is a matter of geometry."""
     kinds = regressor.candidate.effect.description.keys if regressor.candidate is not None else ()
     return bool({"body", "base"} & set(kinds))
+
+
+def _range(regressor: CandidateRegressor) -> Array:
+    """Range (p,) of each coefficient where all have one, so that their units do not matter; else ones."""
+    width = np.asarray(regressor.upper) - np.asarray(regressor.lower)
+    return width if np.isfinite(width).all() else np.ones(len(width))
 
 
 def _scale(regressor: CandidateRegressor) -> Array:
