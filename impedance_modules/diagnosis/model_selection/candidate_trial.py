@@ -25,7 +25,6 @@ from impedance_modules.diagnosis.regression.model_fit import (
     Fit,
     ModelFit,
     ModelTerm,
-    squares_by_fold,
 )
 
 HeldOutResiduals = Mapping[int, Sequence[Array]]
@@ -53,7 +52,7 @@ class CandidateTrial:
     @cached_property
     def _sums(self) -> tuple[Array, Array]:
         """(folds, groups) squares without and with the candidate."""
-        return self.model_fit.unseen_squares, squares_by_fold(self.model_fit.folds, self.unseen)
+        return self.model_fit.unseen_squares, self.model_fit.predicted_by_fold(self.unseen)
 
     @property
     def gain(self) -> float:

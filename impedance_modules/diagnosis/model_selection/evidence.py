@@ -203,7 +203,8 @@ class Evidence:
 
     def held_out_likelihood(self, model_fit: ModelFit) -> Array:
         """(groups,) log-likelihood of the held-out recordings, each level profiled out, but for a constant [nats]."""
-        left = model_fit.squares(model_fit.whole.coefficients, self.heldout)
+        residuals = {r: model_fit.residuals(model_fit.whole.coefficients, r) for r in self.heldout}
+        left = model_fit.predicted_squares(residuals, self.heldout, (*model_fit.fitted, *self.heldout))
         return np.asarray(-0.5 * self.design.count(self.heldout) * np.log(np.maximum(left, 1e-9)))
 
     def whitened_excess(self, model_fit: ModelFit | None) -> float:

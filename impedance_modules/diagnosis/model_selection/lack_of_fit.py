@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 r"""Lack of fit: whether the remainder is noise, by its power and by its structure. It decides the verdict.
 
-    F_g = \frac{SSE_g / n_g}{1 + v_g},      v_g the variance that the parameters' own uncertainty gives
+    F_g = S_g / n_g,      S_g squares by what the fit can foretell with its parameters' own uncertainty
 
-in whitened rows, on recordings that no fit has used. The limit is that of Fisher's F test for the samples here and in
-the noise floor, all groups together, or the negligible part of the joint's load where that is larger.
+in whitened rows, on recordings that no fit has used (`regression.prediction`), and on all. The limit is that of
+Fisher's F test for the samples here and in the noise floor, all groups together, or the negligible part of the
+joint's load where that is larger.
 
 The remainder has structure if its spectrum has a peak, if single moments exceed the others, if held-out recordings
 need what a controller asks for as its answer to a torque that no cause has (`Effect.contradicted`), or if a cause
@@ -35,6 +36,7 @@ from scipy.stats import f as fisher
 from impedance_modules.arrays import Array
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.regression.model_fit import ModelTerm
+from impedance_modules.diagnosis.regression.prediction import foretold_squares
 
 ALPHA = 0.002
 """Probability that a correct model fails, all groups together."""
@@ -121,9 +123,11 @@ class LackOfFit:
 
 def lack_of_fit(evidence: Evidence) -> LackOfFit:
     """Tests the residuals of the accepted model, on the held-out recordings and on all."""
-    heldout = _ratios(evidence, evidence.heldout)
-    fitted = _ratios(evidence, (*evidence.model_fit.fitted, *evidence.heldout))
-    ratio, limit = (np.array(part) for part in zip(*map(_worse, heldout, fitted), strict=True))
+    rescale = evidence.design.whitening.innovation / evidence.floor.innovation
+    foretold, fitted = _foretold_squares(evidence, rescale), _fitted_squares(evidence, rescale)
+    heldout = _ratios(evidence, foretold, evidence.heldout)
+    everything = _ratios(evidence, foretold + fitted, _all_recordings(evidence))
+    ratio, limit = (np.array(part) for part in zip(*map(_worse, heldout, everything), strict=True))
     return LackOfFit(ratio, limit, find_structure(evidence))
 
 
@@ -131,24 +135,40 @@ def _worse(one: tuple[float, float], other: tuple[float, float]) -> tuple[float,
     return max(one, other, key=lambda pair: pair[0] / pair[1])
 
 
-def _ratios(evidence: Evidence, recordings: Sequence[int]) -> list[tuple[float, float]]:
-    """Residual power over expected power, and its limit, of each group."""
-    model_fit, design = evidence.model_fit, evidence.design
-    rescale = design.whitening.innovation / evidence.floor.innovation
-    left = {r: model_fit.residuals(model_fit.whole.coefficients, r) for r in recordings}
-    chance = 1.0 - ALPHA / len(design.groups)
+def _ratios(evidence: Evidence, squares: Array, recordings: Sequence[int]) -> list[tuple[float, float]]:
+    """Power of some squares over the noise's, and its limit, of each group."""
+    whitening, counts = evidence.design.whitening, evidence.design.count(recordings)
+    chance = 1.0 - ALPHA / len(counts)
     factors = SYSTEMATIC * (1.0 + (WEAK - 1.0) * evidence.floor.assumed)
-    small = (evidence.negligible / np.maximum(evidence.rms(model_fit, recordings), RMS_MIN)) ** 2
-    out = []
-    for g, ids in enumerate(model_fit.ids):
-        rows = np.concatenate([left[r][g] * rescale[r, g] for r in recordings])
-        T = np.concatenate([model_fit.rows[r][g] * rescale[r, g] for r in recordings])
-        variance = float(np.sum((T @ model_fit.whole.inverse[np.ix_(ids, ids)]) * T) / len(T))
-        part, count = design.whitening.part[g], design.count(recordings)[g]
-        ratio = part * float(np.sum(rows**2)) / count / (part + variance)
-        limit = float(factors[g]) * float(fisher.ppf(chance, count, design.whitening.samples[g]))
-        out.append((ratio, max(limit, ratio * float(small[g]))))
-    return out
+    small = (evidence.negligible / np.maximum(evidence.rms(evidence.model_fit, recordings), RMS_MIN)) ** 2
+    ratios = squares / counts
+    limits = np.maximum(factors * fisher.ppf(chance, counts, whitening.samples), ratios * small)
+    return list(zip(ratios.tolist(), limits.tolist(), strict=True))
+
+
+def _fitted_squares(evidence: Evidence, rescale: Array) -> Array:
+    """(groups,) squares of what the fit leaves of the recordings that it has seen, in units of the floor's noise."""
+    model_fit = evidence.model_fit
+    parts = [
+        [float(values @ values) * rescale[r, g] ** 2 for g, values in enumerate(model_fit.left_of(r))]
+        for r in model_fit.fitted
+    ]
+    return np.asarray(np.sum(parts, axis=0))
+
+
+def _foretold_squares(evidence: Evidence, rescale: Array) -> Array:
+    """(groups,) squares of what it leaves of the held-out ones, by what its links and causes can foretell of them."""
+    model_fit = evidence.model_fit
+    left, columns = [], []
+    A = model_fit.whole.normal.copy()
+    for r in evidence.heldout:
+        residuals = model_fit.residuals(model_fit.whole.coefficients, r)
+        left.append([values * rescale[r, g] for g, values in enumerate(residuals)])
+        columns.append([block * rescale[r, g] for g, block in enumerate(model_fit.rows[r])])
+        for block, ids in zip(columns[-1], model_fit.ids, strict=True):
+            A[np.ix_(ids, ids)] += block.T @ block
+    ones = np.ones(len(model_fit.ids))
+    return foretold_squares(left, columns, model_fit.ids, ones, np.asarray(np.linalg.inv(A)))
 
 
 def find_structure(evidence: Evidence) -> tuple[RemainingStructure, ...]:

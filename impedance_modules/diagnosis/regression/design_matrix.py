@@ -95,6 +95,21 @@ class Design:
         """Recording -> group -> (k, k) Z^T Z."""
         return tuple(tuple(block.T @ block for block in recording) for recording in self.Z)
 
+    def nuisance_sums(self, recordings: Sequence[int]) -> tuple[Array, ...]:
+        """Group -> (k, k) Z^T Z of some recordings together, summed once."""
+        chosen = tuple(recordings)
+        known = self._nuisance_sums.get(chosen)
+        if known is None:
+            grams = [self.nuisance_gram[r] for r in chosen]
+            known = self._nuisance_sums[chosen] = tuple(
+                np.asarray(sum(part)) for part in zip(*grams, strict=True)
+            )
+        return known
+
+    @cached_property
+    def _nuisance_sums(self) -> dict[tuple[int, ...], tuple[Array, ...]]:
+        return {}
+
 
 def build_design(
     regressors: Sequence[CandidateRegressor],

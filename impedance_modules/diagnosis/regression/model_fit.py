@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from impedance_modules.arrays import Array, Indices
 from impedance_modules.diagnosis.regression.candidates import Candidate, ShapedCandidate
 from impedance_modules.diagnosis.regression.design_matrix import ColumnLayout, Design
+from impedance_modules.diagnosis.regression.prediction import foretold_squares
 
 FLAT = 1e-9
 """Precision that keeps a direction the data do not see finite, in scaled coefficients."""
@@ -128,6 +129,7 @@ class ModelFit:
         )
         self._summed: dict[tuple[int, tuple[int, ...]], tuple[Array, Array]] = {}
         self._left: dict[int, list[Array]] = {}
+        self._covariances: dict[tuple[int, ...], Array] = {}
         self.counts = design.count(self.fitted)
         self.weights = np.ones(len(design.groups))
         self.whole = self.fit(self.fitted)
@@ -245,8 +247,39 @@ class ModelFit:
 
     @cached_property
     def unseen_squares(self) -> Array:
-        """(folds, groups) squares of these residuals."""
-        return squares_by_fold(self.folds, self.unseen)
+        """(folds, groups) squares of these residuals as predictions."""
+        return self.predicted_by_fold(self.unseen)
+
+    def predicted_by_fold(self, left: Mapping[int, Sequence[Array]]) -> Array:
+        """(folds, groups) squares of what fits without each fold leave of it, by what they can foretell."""
+        return np.array([self.predicted_squares(left, fold, self.fitted) for fold in self.folds])
+
+    def predicted_squares(
+        self, left: Mapping[int, Sequence[Array]], unseen: Sequence[int], known: Sequence[int]
+    ) -> Array:
+        """(groups,) squares of what a fit leaves of unseen recordings, by what it can foretell of their links.
+
+        Causes stand as they are, so that each is judged by its own numbers (`regression.prediction`).
+
+        Args:
+            left: Recording -> group -> (M,) residual by the fit, whitened.
+            unseen: Recordings that the fit has not seen.
+            known: These and all that it has seen.
+        """
+        nuisance = self.design.nuisance
+        covariance = self._nuisance_covariance(tuple(known))
+        residuals, columns = [left[r] for r in unseen], [self.design.Z[r] for r in unseen]
+        return foretold_squares(residuals, columns, nuisance.ids, self.weights, covariance)
+
+    def _nuisance_covariance(self, recordings: tuple[int, ...]) -> Array:
+        """(K, K) covariance of the nuisance given the causes, by its prior and some recordings; inverted once."""
+        known = self._covariances.get(recordings)
+        if known is None:
+            A, nuisance = np.eye(self.design.nuisance.size), self.design.nuisance
+            for g, gram in enumerate(self.design.nuisance_sums(recordings)):
+                A[np.ix_(nuisance.ids[g], nuisance.ids[g])] += self.weights[g] * gram
+            known = self._covariances[recordings] = np.asarray(np.linalg.inv(A))
+        return known
 
     @cached_property
     def log_likelihood(self) -> Array:
@@ -259,11 +292,6 @@ class ModelFit:
         start, term = self.starts[index], self.model[index]
         values = (found or self.whole).coefficients[start : start + term.shaped.size]
         return np.asarray(values / term.layout.scale)
-
-
-def squares_by_fold(folds: Sequence[Sequence[int]], left: Mapping[int, Sequence[Array]]) -> Array:
-    """(folds, groups) squares of residuals, recording -> group -> (M,)."""
-    return np.array([np.sum([[float(x @ x) for x in left[r]] for r in fold], axis=0) for fold in folds])
 
 
 def term_of(design: Design, layout: ColumnLayout) -> ModelTerm:
