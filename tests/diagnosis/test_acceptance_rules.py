@@ -65,6 +65,7 @@ def test_what_a_candidate_does_to_a_recording_is_counted_where_it_acts() -> None
     model_fit = SimpleNamespace(
         folds=((0,), (1,)),
         unseen_squares=np.array([[40.0, 10.0], [20.0, 10.0]]),
+        predicted_by_fold=lambda left: np.array([[float(x @ x) for x in left[r]] for r in (0, 1)]),
         weights=np.array([1.0, 0.5]),
     )
     term = SimpleNamespace(groups=(0,))

@@ -20,7 +20,7 @@ class Evidence:
     model_fit: SimpleNamespace
     left: float
 
-    def whitened_power(self, fit: SimpleNamespace) -> np.ndarray:
+    def foretold_power(self, fit: SimpleNamespace) -> np.ndarray:
         return np.array([1.0, self.left])
 
     def held_out_likelihood(self, fit: object) -> float:

@@ -58,6 +58,9 @@ class Evidence:
     def judges(self) -> tuple[int, ...]:
         return self.weighed or self.heldout
 
+    def foretold_squares(self, fit: SimpleNamespace, recordings: tuple[int, ...]) -> np.ndarray:
+        return fit.squares
+
     def whitened_excess(self, fit: SimpleNamespace | None) -> float:
         return self.excess[fit is None]
 
@@ -88,7 +91,7 @@ def held_out(taken: dict[str, float] | None = None, **parts: float) -> Evidence:
         return SimpleNamespace(
             model=list(model),
             whole=SimpleNamespace(coefficients=np.array([0.3, np.sqrt(off), 7.0])),
-            squares=lambda *rest: 50.0 * left,
+            squares=50.0 * left,
         )
 
     selector = SimpleNamespace(model_fit=fit, refiner=None, simplest=list)

@@ -64,12 +64,14 @@ def test_a_term_that_is_added_has_the_coefficients_of_a_fit_of_everything(seed: 
 
 
 def squares(trial: CandidateTrial, with_it: bool) -> np.ndarray:
-    """(folds, groups), by a fit of everything without each fold."""
+    """(folds, groups), by a fit of everything without each fold, by what that can foretell."""
     model_fit, terms = trial.model_fit, [*trial.model_fit.model, *([trial.term] if with_it else [])]
     out = np.zeros((len(FOLDS), len(GROUPS)))
     for fold, recordings in enumerate(FOLDS):
         found, _ = least_squares(model_fit, terms, model_fit.train(fold))
+        unseen = {}
         for r in recordings:
+            unseen[r] = []
             for g in range(len(GROUPS)):
                 left = model_fit.design.y[r][g] - model_fit.design.Z[r][g] @ found[:NUISANCE]
                 first = NUISANCE
@@ -78,7 +80,8 @@ def squares(trial: CandidateTrial, with_it: bool) -> np.ndarray:
                         left = left - term.columns[r][g] @ found[first : first + term.shaped.size]
                         left = left - term.fixed[r].get(g, 0.0)
                     first += term.shaped.size
-                out[fold, g] += left @ left
+                unseen[r].append(left)
+        out[fold] = model_fit.predicted_squares(unseen, recordings, model_fit.fitted)
     return out
 
 

@@ -201,10 +201,23 @@ class Evidence:
         left = fit.squares(coefficients, self.judges)
         return np.asarray(left / np.maximum(self.design.count(self.judges), 1.0))
 
+    def foretold_power(self, model_fit: ModelFit) -> Array:
+        """(groups,) power that a model leaves where causes are weighed, over the noise's, by what it can foretell."""
+        squares = self.foretold_squares(model_fit, self.judges)
+        return np.asarray(squares / np.maximum(self.design.count(self.judges), 1.0))
+
+    def foretold_squares(self, model_fit: ModelFit, recordings: Sequence[int]) -> Array:
+        """(groups,) squares that a model leaves, of held-out recordings by what it can foretell of their links."""
+        unseen = [r for r in recordings if r in self.heldout]
+        left = {r: model_fit.residuals(model_fit.whole.coefficients, r) for r in unseen}
+        known = (*model_fit.fitted, *unseen)
+        seen = [model_fit.left_of(r) for r in recordings if r not in self.heldout]
+        fitted = np.sum([[values @ values for values in own] for own in seen], axis=0) if seen else 0.0
+        return np.asarray(fitted + model_fit.predicted_squares(left, unseen, known))
+
     def held_out_likelihood(self, model_fit: ModelFit) -> Array:
         """(groups,) log-likelihood of the held-out recordings, each level profiled out, but for a constant [nats]."""
-        residuals = {r: model_fit.residuals(model_fit.whole.coefficients, r) for r in self.heldout}
-        left = model_fit.predicted_squares(residuals, self.heldout, (*model_fit.fitted, *self.heldout))
+        left = self.foretold_squares(model_fit, self.heldout)
         return np.asarray(-0.5 * self.design.count(self.heldout) * np.log(np.maximum(left, 1e-9)))
 
     def whitened_excess(self, model_fit: ModelFit | None) -> float:

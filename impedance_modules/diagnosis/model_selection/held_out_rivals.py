@@ -45,7 +45,7 @@ def with_likelier_rivals(evidence: Evidence) -> tuple[Evidence, tuple[str, ...]]
 
 def _fails(evidence: Evidence, term: ModelTerm) -> bool:
     """Whether the model leaves more than noise of the held-out recordings where a term acts."""
-    return bool(np.any(evidence.whitened_power(evidence.model_fit)[list(term.groups)] > LACKING))
+    return bool(np.any(evidence.foretold_power(evidence.model_fit)[list(term.groups)] > LACKING))
 
 
 def _likelier(evidence: Evidence, term: ModelTerm) -> ModelTerm | None:

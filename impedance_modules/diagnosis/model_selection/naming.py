@@ -71,7 +71,7 @@ def held_out_part(evidence: Evidence, term: ModelTerm) -> float:
     model_fit, groups = evidence.model_fit, list(term.groups)
 
     def squares(fit: ModelFit) -> float:
-        return float(fit.squares(fit.whole.coefficients, evidence.judges)[groups].sum())
+        return float(evidence.foretold_squares(fit, evidence.judges)[groups].sum())
 
     without = squares(_fit_without(evidence, term))
     return 1.0 - squares(model_fit) / without if without > 0.0 else 0.0
