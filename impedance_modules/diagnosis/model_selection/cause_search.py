@@ -241,15 +241,17 @@ def tested(
     model_fit = selector.model_fit(causes)
     while True:
         seen = above_negligible(model_fit, plain, negligible(prepared, selector.design.groups))
-        if len(seen) < len(model_fit.model):
-            model_fit = selector.model_fit(seen)
+        small = [term for term in model_fit.model if term not in seen]
+        if small:
+            model_fit = selector.model_fit(selector.reshaped(seen, small))
             continue
         certain = significant_terms(model_fit, selector.refiner)
         unsure = [term for term in model_fit.model if term not in certain]
         if not unsure:
             return model_fit
         least = min(unsure, key=partial(_gain_beside, selector, model_fit))
-        model_fit = selector.model_fit([term for term in model_fit.model if term is not least])
+        others = [term for term in model_fit.model if term is not least]
+        model_fit = selector.model_fit(selector.reshaped(others, [least]))
 
 
 def _gain_beside(selector: Selector, model_fit: ModelFit, term: ModelTerm) -> float:

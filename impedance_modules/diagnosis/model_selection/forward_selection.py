@@ -127,9 +127,11 @@ class Selector:
             model, refusal = self._add_causes(model, progress)
             grown = self.simplest(merge_delays(model, self.model_fit, self.refiner))
             model = eliminate_backward(grown, self.model_fit, self.rejection_reason)
-            if len(model) == len(grown):
+            removed = [term for term in grown if term not in model]
+            if not removed:
                 break
-            self._removals.update(term.key for term in grown if term not in model)
+            self._removals.update(term.key for term in removed)
+            model = self.reshaped(model, removed)
         return Selection(tuple(self.one_for_two(self.simplest(model))), refusal)
 
     def _add_causes(
@@ -236,6 +238,24 @@ class Selector:
             new = try_term(model_fit, self.refiner.refine(model_fit, old.term))
             out.append(new if new.gain > old.gain else old)
         return [*out, *ranked[REFINED:]]
+
+    def reshaped(self, model: Sequence[ModelTerm], removed: Sequence[ModelTerm]) -> list[ModelTerm]:
+        """Finds the shapes anew of causes that share residuals with others that are gone: these had moved them.
+
+        From the grid as well, which a few steps may not reach again.
+        """
+        touched = {group for term in removed for group in term.groups}
+        kept = list(model)
+        for index, term in enumerate(model):
+            if term.generic or not _moves(term) or not touched & set(term.groups):
+                continue
+            rest = self.model_fit([other for other in kept if other is not kept[index]])
+            grid = [
+                self.trial(rest, layout) for layout in self.design.layouts if layout.shaped.key == term.key
+            ]
+            shapes = self.refined(rest, [try_term(rest, term), *grid])
+            kept[index] = max(shapes, key=penalised_gain).term
+        return kept
 
     def simplest(self, model: Sequence[ModelTerm]) -> list[ModelTerm]:
         """Puts simpler laws on the same joints in the place of those whose further numbers may all be chance.

@@ -237,7 +237,9 @@ def without_causes(evidence: Evidence, causes: Sequence[Cause]) -> tuple[Evidenc
 
 
 def _without(evidence: Evidence, left_out: Sequence[ModelTerm]) -> Evidence:
-    """Fits the other terms again, or simpler laws in the place of those that need no more beside the others."""
+    """Fits the other terms again, in their own shapes, or simpler laws where these need no more beside the others."""
     kept = [term for term in evidence.model_fit.model if term not in left_out]
     selector = evidence.selector
-    return replace(evidence, model_fit=selector.model_fit(selector.simplest(kept)))
+    return replace(
+        evidence, model_fit=selector.model_fit(selector.simplest(selector.reshaped(kept, left_out)))
+    )
