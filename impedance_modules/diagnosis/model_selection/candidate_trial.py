@@ -3,8 +3,9 @@ r"""Tries a candidate beside a fitted model: what it gains on recordings that it
 
     gain = \sum_g (n_g / 2) \log(SSE_g^{without} / SSE_g^{with})       [nats]
 
-over held-out folds: the log predictive likelihood of white rows with each group's level profiled out. The model is
-not fitted again; the candidate is added by the Schur complement of the normal matrix:
+over held-out folds: the log predictive likelihood of white rows with each group's level profiled out, as long as more
+than the noise is left (`model_fit.log_likelihood`). The model is not fitted again; the candidate is added by the Schur
+complement of the normal matrix:
 
     S = X^T W X - X^T W T A^{-1} T^T W X + \Lambda,      \beta = S^{-1} X^T W (y - T \beta_0)
 
@@ -25,6 +26,7 @@ from impedance_modules.diagnosis.regression.model_fit import (
     Fit,
     ModelFit,
     ModelTerm,
+    log_likelihood,
 )
 
 HeldOutResiduals = Mapping[int, Sequence[Array]]
@@ -66,9 +68,9 @@ class CandidateTrial:
     @cached_property
     def unseen_gains(self) -> Array:
         """(groups,) held-out gain [nats]."""
-        without, with_it = self._sums
-        ratio = np.log(np.maximum(without.sum(axis=0), 1e-9) / np.maximum(with_it.sum(axis=0), 1e-9))
-        return np.asarray(0.5 * self.model_fit.counts * ratio)
+        counts = self.model_fit.counts
+        without, with_it = (log_likelihood(part.sum(axis=0), counts) for part in self._sums)
+        return np.asarray(with_it - without)
 
     @property
     def unseen_gain(self) -> float:
@@ -184,11 +186,11 @@ def fit_in_sample(model_fit: ModelFit, term: ModelTerm, products: Sequence[TermP
     squares = np.zeros(len(model_fit.design.groups))
     for r in model_fit.fitted:
         squares += [float(x @ x) for x in less_term(model_fit.residuals(found, r), term, r, more)]
-    ratio = np.log(np.maximum(model_fit.left, 1e-9) / np.maximum(squares, 1e-9))
+    ahead = log_likelihood(squares, model_fit.counts) - log_likelihood(model_fit.left, model_fit.counts)
     prior = float(model_fit.prior @ (model_fit.whole.coefficients**2 - found**2))
     own = float(term.layout.precision @ more**2)
     known = _weight_gain(model_fit, term, squares)
-    gain = float(0.5 * (model_fit.counts @ ratio + prior - own))
+    gain = float(ahead.sum() + 0.5 * (prior - own))
     spread = np.sqrt(np.clip(np.diag(covariance), 0.0, None))
     return InSampleFit(
         gain,

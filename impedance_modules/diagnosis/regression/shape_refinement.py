@@ -20,7 +20,7 @@ from impedance_modules.diagnosis.regression.candidates import (
     shapes_of,
 )
 from impedance_modules.diagnosis.regression.design_matrix import ColumnLayout, Design, layout_of, scaled_block
-from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm
+from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm, log_likelihood
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.effects.recorded_signals import Signals
 
@@ -221,14 +221,9 @@ def _out_of_bounds(model_fit: ModelFit) -> bool:
 
 
 def _loss(model_fit: ModelFit) -> float:
-    r"""Twice the negative log-likelihood of the whole fit, less constants, each group's noise being what is left.
-
-        \sum_g n_g (ln s_g + r_g^2 / s_g)      s_g = max(r_g^2, 1), r_g^2 = SSE_g / n_g
+    """Twice the negative log-likelihood of the whole fit, priors included.
 
     With the weights of a fit that lacks the term, a tenth of a gap would count no more than noise elsewhere.
     """
-    power = model_fit.left / model_fit.counts
-    noise = np.maximum(power, 1.0)
-    return float(model_fit.counts @ (np.log(noise) + power / noise)) + float(
-        model_fit.whole.coefficients**2 @ model_fit.prior
-    )
+    likelihood = float(log_likelihood(model_fit.left, model_fit.counts).sum())
+    return float(model_fit.whole.coefficients**2 @ model_fit.prior) - 2.0 * likelihood
