@@ -50,7 +50,10 @@ class Evidence:
     weighed: tuple[int, ...] = ()
     selector: SimpleNamespace = field(
         default_factory=lambda: SimpleNamespace(
-            model_fit=lambda model: SimpleNamespace(model=list(model)), refiner=None, simplest=list
+            model_fit=lambda model: SimpleNamespace(model=list(model)),
+            refiner=None,
+            simplest=list,
+            reshaped=lambda model, removed: list(model),
         )
     )
 
@@ -94,7 +97,9 @@ def held_out(taken: dict[str, float] | None = None, **parts: float) -> Evidence:
             squares=50.0 * left,
         )
 
-    selector = SimpleNamespace(model_fit=fit, refiner=None, simplest=list)
+    selector = SimpleNamespace(
+        model_fit=fit, refiner=None, simplest=list, reshaped=lambda model, removed: list(model)
+    )
     return Evidence(parts, fit(terms), selector=selector, calibrated=fit([]))
 
 

@@ -88,10 +88,12 @@ def test_what_is_removed_is_remembered_and_the_search_goes_on(monkeypatch: pytes
         model_fit=lambda model: None, trials=None, rejection_reason=None, refiner=None, _removals=Counter()
     )
     selector._add_causes, selector.simplest, selector.one_for_two = add_causes, list, list
+    gone: list[list] = []
+    selector.reshaped = lambda model, removed: gone.append(removed) or model
     selector.go_on = partial(Selector.go_on, selector)
     found = Selector.run(selector, lambda text: None)
     assert begun == [[], [first, third]] and found.causes == (first, third)
-    assert selector._removals == Counter({second.key: 1})
+    assert selector._removals == Counter({second.key: 1}) and gone == [[second]]
     added, kept = [[first, third]], [[first, third]]
     assert selector.go_on([first], lambda text: None).causes == (first, third) and begun[2:] == [[first]]
 
@@ -292,3 +294,31 @@ def test_one_law_takes_the_place_of_two_if_it_is_likelier_than_both(
     monkeypatch.setattr(forward_selection, "penalised_gain", lambda trial: gain - penalty[id(trial.term)])
     found = selector.one_for_two([friction, other, offset])
     assert found == ([one, other] if exchanged else [friction, other, offset])
+
+
+@pytest.mark.parametrize(("removed", "shape"), [((0,), 0.06), ((1,), 0.28)])
+def test_a_shape_that_another_cause_had_bent_is_found_anew(
+    monkeypatch: pytest.MonkeyPatch, removed: tuple[int, ...], shape: float
+) -> None:
+    """A lag beside a controller's gain went to 0.28 s; without the gain 0.06 s is likelier. Others stay."""
+
+    def lag(time: float) -> SimpleNamespace:
+        one = term("elbow", 0, effect="actuator_lag")
+        one.generic, one.shaped, one.gain = False, SimpleNamespace(shape={"T": time}), -abs(time - 0.06)
+        return one
+
+    bent, other = lag(0.28), term("wrist", 1)
+    other.generic, other.shaped = False, SimpleNamespace(shape={})
+    layouts = [SimpleNamespace(shaped=SimpleNamespace(key=bent.key), made=lag(time)) for time in (0.01, 0.06)]
+    layouts.append(SimpleNamespace(shaped=SimpleNamespace(key=other.key), made=other))
+    monkeypatch.setattr(forward_selection, "_moves", lambda one: bool(one.shaped.shape))
+    monkeypatch.setattr(forward_selection, "try_term", lambda rest, one: SimpleNamespace(term=one))
+    monkeypatch.setattr(forward_selection, "penalised_gain", lambda one: one.term.gain)
+    selector = SimpleNamespace(
+        model_fit=lambda model: SimpleNamespace(model=tuple(model)),
+        design=SimpleNamespace(layouts=layouts),
+        trial=lambda rest, layout: SimpleNamespace(term=layout.made),
+        refined=lambda rest, trials: trials,
+    )
+    kept = Selector.reshaped(selector, [bent, other], [term("knee", *removed)])
+    assert kept[0].shaped.shape["T"] == shape and kept[1] is other

@@ -233,6 +233,7 @@ def test_of_two_uncertain_causes_the_one_that_gains_less_goes_first(
         model_fit=lambda model: SimpleNamespace(model=list(model)),
         design=SimpleNamespace(groups=()),
         refiner=None,
+        reshaped=lambda model, removed: list(model),
     )
     monkeypatch.setattr(cause_search, "try_term", lambda rest, term: term)
     monkeypatch.setattr(cause_search, "negligible", lambda prepared, groups: None)

@@ -18,7 +18,7 @@ from impedance_modules.diagnosis.model_selection.candidate_trial import (
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.model_selection.naming import without_unconfirmed
 from impedance_modules.diagnosis.model_selection.screening import Screening
-from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm, term_of
+from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm, log_likelihood, term_of
 from impedance_modules.diagnosis.regression.parameter_estimates import _covariance
 from tests.support.selection_samples import (
     FOLDS,
@@ -85,6 +85,23 @@ def squares(trial: CandidateTrial, with_it: bool) -> np.ndarray:
     return out
 
 
+def likelihood(squares: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """Of white rows whose level is at least the noise's."""
+    level = np.maximum(squares / counts, 1.0)
+    return -0.5 * counts * np.log(level) - 0.5 * squares / level
+
+
+def test_less_than_the_noise_is_no_likelier_by_its_logarithm() -> None:
+    counts = np.array([80.0])
+    for before, after in ((800.0, 160.0), (320.0, 80.0)):
+        gain = log_likelihood(np.array([after]), counts) - log_likelihood(np.array([before]), counts)
+        assert gain == pytest.approx(40.0 * np.log(before / after))
+    gain = log_likelihood(np.array([20.0]), counts) - log_likelihood(np.array([40.0]), counts)
+    assert gain == pytest.approx(10.0)
+    falling = [float(log_likelihood(np.array([s]), counts)[0]) for s in np.linspace(0.0, 400.0, 200)]
+    assert np.all(np.diff(falling) < 0.0) and np.abs(np.diff(falling)).max() < 1.05
+
+
 @SEEDS
 def test_what_a_trial_says_of_unseen_recordings_follows_from_the_squares_it_leaves(seed: int) -> None:
     model_fit, term = sample(seed)
@@ -92,7 +109,7 @@ def test_what_a_trial_says_of_unseen_recordings_follows_from_the_squares_it_leav
     before, after = squares(trial, False), squares(trial, True)
     gone = before - after
     n, w = model_fit.counts, model_fit.weights
-    gain = 0.5 * np.sum(n * np.log(before.sum(axis=0) / after.sum(axis=0)))
+    gain = float(np.sum(likelihood(after.sum(axis=0), n) - likelihood(before.sum(axis=0), n)))
     assert trial.unseen_gain == pytest.approx(gain, rel=1e-6)
     assert trial.powers == pytest.approx(gone.sum(axis=0), rel=1e-5, abs=1e-5)
     assert trial.reach == pytest.approx(gone.sum(), rel=1e-6)
@@ -102,7 +119,7 @@ def test_what_a_trial_says_of_unseen_recordings_follows_from_the_squares_it_leav
     assert trial.reduction == pytest.approx(max(parts[1], parts[2]), rel=1e-6)
     assert trial.narrow == pytest.approx((gone.sum(axis=0) * w).max() / (gone.sum(axis=0) @ w), rel=1e-6)
     assert trial.gain == min(trial.unseen_gain, trial.in_sample.gain)
-    assert model_fit.log_likelihood == pytest.approx(-0.5 * n * np.log(before.sum(axis=0)), rel=1e-9)
+    assert model_fit.log_likelihood == pytest.approx(likelihood(before.sum(axis=0), n), rel=1e-9)
 
 
 @SEEDS
@@ -114,7 +131,8 @@ def test_the_gain_of_all_recordings_counts_what_the_prior_costs(seed: int) -> No
     before = model_fit.left
     prior = np.concatenate([np.ones(NUISANCE), KNOWN.precision, NEW.precision])
     old = np.concatenate([model_fit.whole.coefficients, [0.0, 0.0]])
-    gain = 0.5 * (model_fit.counts @ np.log(before / after) + prior @ (old**2 - found**2))
+    ahead = likelihood(after, model_fit.counts) - likelihood(before, model_fit.counts)
+    gain = float(ahead.sum() + 0.5 * prior @ (old**2 - found**2))
     trial = try_term(model_fit, term).in_sample
     assert trial.gain == pytest.approx(gain, rel=1e-5)
     assert np.allclose(trial.own, found[-2:], atol=1e-6) and np.allclose(trial.beside, found[:-2], atol=1e-6)
@@ -243,6 +261,7 @@ def with_held_out(y: tuple, design: Any, *names: Any) -> Evidence:
     """Evidence of some candidates for rows, of which the last recording is held out."""
     other = replace(design, y=y, raw=y)
     make = SimpleNamespace(design=other, model_fit=lambda model: fitted(other, *model), simplest=list)
+    make.reshaped = lambda model, removed: list(model)
     terms = [term_of(other, name) for name in names]
     return Evidence(make, (len(y) - 1,), (), make.model_fit(terms), None, None, None)
 
