@@ -194,7 +194,7 @@ class TorqueSaturation(DriveLaw):
         if site.signals.drive is None:
             return ()
         asked = np.abs(site.signals.drive[:, site.joint])
-        limits = np.unique(np.quantile(asked, (0.5, 0.7, 0.85, 0.95, 0.99)))
+        limits = np.unique(np.quantile(asked, (0.05, 0.2, 0.5, 0.7, 0.85, 0.95, 0.99)))
         return tuple({"limit": float(limit)} for limit in limits)
 
     def apply_to_plant(self, builder: PlantBuilder, port: Port, parameters: Mapping[str, Values]) -> None:

@@ -240,3 +240,14 @@ def test_a_column_is_none_by_what_it_can_do_and_not_by_its_unit(seconds: float, 
     )
     regressor.append(SimpleNamespace(blocks={("motor", 0): columns}, lower=-most, upper=most, fixed=False))
     assert (layout_of(regressor, [("motor", 0)], {}, {0: 0}) is None) is (nothing is not None)
+
+
+@pytest.mark.parametrize("part", [0.06, 0.3, 0.9])
+def test_a_limit_is_looked_for_where_little_of_the_motion_is_below_it(part: float) -> None:
+    """A motor that is nearly always at its limit of 0.7 N.m, asked for thirty times that: not from there alone."""
+    dice = np.random.default_rng(1)
+    few = dice.random(2000) < part
+    asked = np.where(few, dice.uniform(-0.7, 0.7, 2000), dice.uniform(10.0, 30.0, 2000))
+    site = SimpleNamespace(joint=0, signals=SimpleNamespace(drive=asked[:, None]))
+    limits = [shape["limit"] for shape in CATALOGUE["torque_saturation"].shapes(site)]
+    assert min(limits) < 1.0 and limits == sorted(set(limits))
