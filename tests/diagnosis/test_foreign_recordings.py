@@ -81,6 +81,19 @@ def test_the_held_out_motion_is_not_the_widest_and_not_a_matter_of_order(tmp_pat
     assert (largest.name,) not in chosen
 
 
+@pytest.mark.parametrize("fast", [0.05, 0.4, 0.9])
+def test_the_only_fast_stretch_of_a_motion_is_fitted(tmp_path, urdf, fast):  # noqa: F811
+    """Held out it would show laws that no other segment shows."""
+    (log,), _ = admitted(urdf, save(tmp_path, "a", columns(0, seconds=24.0)))
+    time = np.arange(log.samples) / log.rate
+    rush = ((time >= fast * time[-1]) & (time < (fast + 0.06) * time[-1])).astype(float)
+    position = log.position.copy()
+    position[:, 0] = np.cumsum((0.05 + rush) * np.cos(8.0 * time)) / log.rate
+    found = assign_folds([replace(log, position=position)], ())
+    speeds = [np.ptp(np.diff(part.position[:, 0])) for part in found.logs]
+    assert max(speeds[i] for i in found.fitted) > 0.9 * max(speeds)
+
+
 def test_one_recording_of_ten_seconds_is_enough(tmp_path, urdf):  # noqa: F811
     code, said = diagnose(urdf, save(tmp_path, "short", columns(0, seconds=10.0)))
     assert code == 0 and "no_gap" in said

@@ -193,11 +193,22 @@ def select_holdout(motions: Sequence[Sequence[Log]]) -> int:
     single = [i for i, found in enumerate(motions) if len(found) == 1]
     asked = single or list(range(len(motions)))
     asked = [i for i in asked if is_free(motions[i])] or asked
+    share = _shares(motions)
+    return max(
+        _hardly_missed(share, asked), key=lambda i: (round(float(share[i].min()), 3), motions[i][0].name)
+    )
+
+
+def _shares(motions: Sequence[Sequence[Log]]) -> Array:
+    """(motions, 2 n) range of positions and speeds of each joint in each motion, over the largest."""
     reach = np.array([np.max([_range_covered(log) for log in found], axis=0) for found in motions])
-    whole = np.maximum(reach.max(axis=0), 1e-9)
-    left = {i: float(np.mean(np.delete(reach, i, axis=0).max(axis=0) / whole)) for i in asked}
-    equally_good = [i for i in asked if left[i] >= max(left.values()) - RANGE_TOLERANCE]
-    return max(equally_good, key=lambda i: (round(float((reach[i] / whole).min()), 3), motions[i][0].name))
+    return np.asarray(reach / np.maximum(reach.max(axis=0), 1e-9))
+
+
+def _hardly_missed(share: Array, asked: Sequence[int]) -> list[int]:
+    """Those of some motions without which the others cover the largest part of all ranges, on average."""
+    left = {i: float(np.delete(share, i, axis=0).max(axis=0).mean()) for i in asked}
+    return [i for i in asked if left[i] >= max(left.values()) - RANGE_TOLERANCE]
 
 
 def is_free(motion: Sequence[Log]) -> bool:
@@ -266,11 +277,14 @@ def _segment(log: Log, edges: Sequence[int], index: int, run_in: float) -> Log:
 
 
 def select_holdout_segment(pieces: Sequence[Sequence[Log]]) -> int:
-    """Chooses the segment in which the joint that moves least, compared with its average, moves most."""
+    """Chooses the segment in which the joint that moves least, compared with its average, moves most.
+
+    Of those without which the others still cover all ranges: the one fast stretch of a motion is fitted.
+    """
     size = np.array([np.ptp(piece[0].position, axis=0) for piece in pieces])
     usual = size.mean(axis=0)
     moving = usual > 0.0
     if not moving.any():
         return len(pieces) - 1
-    share = (size[:, moving] / usual[moving]).min(axis=1)
-    return int(len(share) - 1 - np.argmax(share[::-1]))
+    least = (size[:, moving] / usual[moving]).min(axis=1)
+    return max(_hardly_missed(_shares(pieces), range(len(pieces))), key=lambda i: (float(least[i]), i))
