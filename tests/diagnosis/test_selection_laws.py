@@ -18,7 +18,7 @@ from impedance_modules.diagnosis.model_selection.candidate_trial import (
 from impedance_modules.diagnosis.model_selection.evidence import Evidence
 from impedance_modules.diagnosis.model_selection.naming import without_unconfirmed
 from impedance_modules.diagnosis.model_selection.screening import Screening
-from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm, log_likelihood, term_of
+from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm, term_of
 from impedance_modules.diagnosis.regression.parameter_estimates import _covariance
 from tests.support.selection_samples import (
     FOLDS,
@@ -91,15 +91,20 @@ def likelihood(squares: np.ndarray, counts: np.ndarray) -> np.ndarray:
     return -0.5 * counts * np.log(level) - 0.5 * squares / level
 
 
-def test_less_than_the_noise_is_no_likelier_by_its_logarithm() -> None:
-    counts = np.array([80.0])
-    for before, after in ((800.0, 160.0), (320.0, 80.0)):
-        gain = log_likelihood(np.array([after]), counts) - log_likelihood(np.array([before]), counts)
-        assert gain == pytest.approx(40.0 * np.log(before / after))
-    gain = log_likelihood(np.array([20.0]), counts) - log_likelihood(np.array([40.0]), counts)
-    assert gain == pytest.approx(10.0)
-    falling = [float(log_likelihood(np.array([s]), counts)[0]) for s in np.linspace(0.0, 400.0, 200)]
-    assert np.all(np.diff(falling) < 0.0) and np.abs(np.diff(falling)).max() < 1.05
+@pytest.mark.parametrize("doubt", [1.0, 2.0])
+def test_less_than_the_noise_is_no_likelier_by_its_logarithm(doubt: float) -> None:
+    design = random_design(np.random.default_rng(0), LAYOUTS)
+    design.whitening.doubt = np.full(len(GROUPS), doubt)
+    n = design.count([0])
+
+    def of(power: float) -> float:
+        return float(design.log_likelihood(power * n, [0]).sum())
+
+    for before, after in ((10.0, 2.0), (4.0, 1.0), (2.0, 1.0 / doubt)):
+        assert of(after) - of(before) == pytest.approx(0.5 * n.sum() * np.log(before / after))
+    assert of(0.25 / doubt) - of(0.5 / doubt) == pytest.approx(0.125 * n.sum())
+    falling = [of(power) for power in np.linspace(0.0, 4.0, 200)]
+    assert np.all(np.diff(falling) < 0.0)
 
 
 @SEEDS

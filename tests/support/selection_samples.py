@@ -58,7 +58,11 @@ def random_design(random: np.random.Generator, layouts: Sequence[ColumnLayout], 
     noise = tuple(tuple(block[:, 0] for block in found) for found in rows([1] * count))
     nuisance = SimpleNamespace(size=NUISANCE, ids=(np.arange(NUISANCE),) * count, groups=GROUPS)
     whitening = SimpleNamespace(
-        rows=lambda r, g, many: many, part=np.array([1.0, 0.9, 0.8]), weak=False, clear={}
+        rows=lambda r, g, many: many,
+        part=np.array([1.0, 0.9, 0.8]),
+        weak=False,
+        clear={},
+        doubt=np.ones(count),
     )
     names = tuple(f"run{r}" for r in range(RECORDINGS))
     Z = tuple(tuple(0.3 * block for block in found) for found in rows([NUISANCE] * count))

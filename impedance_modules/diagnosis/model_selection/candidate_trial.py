@@ -4,7 +4,7 @@ r"""Tries a candidate beside a fitted model: what it gains on recordings that it
     gain = \sum_g (n_g / 2) \log(SSE_g^{without} / SSE_g^{with})       [nats]
 
 over held-out folds: the log predictive likelihood of white rows with each group's level profiled out, as long as more
-than the noise is left (`model_fit.log_likelihood`). The model is not fitted again; the candidate is added by the Schur
+than the noise is left (`Design.log_likelihood`). The model is not fitted again; the candidate is added by the Schur
 complement of the normal matrix:
 
     S = X^T W X - X^T W T A^{-1} T^T W X + \Lambda,      \beta = S^{-1} X^T W (y - T \beta_0)
@@ -26,7 +26,6 @@ from impedance_modules.diagnosis.regression.model_fit import (
     Fit,
     ModelFit,
     ModelTerm,
-    log_likelihood,
 )
 
 HeldOutResiduals = Mapping[int, Sequence[Array]]
@@ -68,8 +67,8 @@ class CandidateTrial:
     @cached_property
     def unseen_gains(self) -> Array:
         """(groups,) held-out gain [nats]."""
-        counts = self.model_fit.counts
-        without, with_it = (log_likelihood(part.sum(axis=0), counts) for part in self._sums)
+        design, fitted = self.model_fit.design, self.model_fit.fitted
+        without, with_it = (design.log_likelihood(part.sum(axis=0), fitted) for part in self._sums)
         return np.asarray(with_it - without)
 
     @property
@@ -186,11 +185,13 @@ def fit_in_sample(model_fit: ModelFit, term: ModelTerm, products: Sequence[TermP
     squares = np.zeros(len(model_fit.design.groups))
     for r in model_fit.fitted:
         squares += [float(x @ x) for x in less_term(model_fit.residuals(found, r), term, r, more)]
-    ahead = log_likelihood(squares, model_fit.counts) - log_likelihood(model_fit.left, model_fit.counts)
+    before, after = (
+        model_fit.design.log_likelihood(part, model_fit.fitted) for part in (model_fit.left, squares)
+    )
     prior = float(model_fit.prior @ (model_fit.whole.coefficients**2 - found**2))
     own = float(term.layout.precision @ more**2)
     known = _weight_gain(model_fit, term, squares)
-    gain = float(ahead.sum() + 0.5 * (prior - own))
+    gain = float(np.sum(after - before) + 0.5 * (prior - own))
     spread = np.sqrt(np.clip(np.diag(covariance), 0.0, None))
     return InSampleFit(
         gain,

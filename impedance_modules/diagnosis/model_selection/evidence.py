@@ -21,7 +21,7 @@ from impedance_modules.diagnosis.model_selection.external_pushes import External
 from impedance_modules.diagnosis.model_selection.forward_selection import Refusal, Selector
 from impedance_modules.diagnosis.regression.candidates import Group
 from impedance_modules.diagnosis.regression.design_matrix import Design
-from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm, log_likelihood
+from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm
 from impedance_modules.diagnosis.regression.parameter_estimates import UnwhitenedFit
 from impedance_modules.diagnosis.regression.whitening import Whitening
 from impedance_modules.diagnosis.residuals.contact_mask import Mask, near_contact
@@ -217,8 +217,7 @@ class Evidence:
 
     def held_out_likelihood(self, model_fit: ModelFit) -> Array:
         """(groups,) log-likelihood of the held-out recordings [nats]."""
-        squares = self.foretold_squares(model_fit, self.heldout)
-        return log_likelihood(squares, self.design.count(self.heldout))
+        return self.design.log_likelihood(self.foretold_squares(model_fit, self.heldout), self.heldout)
 
     def whitened_excess(self, model_fit: ModelFit | None) -> float:
         """That power beyond the noise, over all groups."""

@@ -44,9 +44,6 @@ ALPHA = 0.002
 SYSTEMATIC = 1.45
 """Allowed ratio of power to noise from approximations of the model (differences, held commands, filters)."""
 
-WEAK = 2.0
-"""Factor on the limit where no repeats measured the noise floor; less where they measured a part of it."""
-
 RMS_MIN = 1e-24
 """Least rms, against division by zero."""
 
@@ -139,7 +136,7 @@ def _ratios(evidence: Evidence, squares: Array, recordings: Sequence[int]) -> li
     """Power of some squares over the noise's, and its limit, of each group."""
     whitening, counts = evidence.design.whitening, evidence.design.count(recordings)
     chance = 1.0 - ALPHA / len(counts)
-    factors = SYSTEMATIC * (1.0 + (WEAK - 1.0) * evidence.floor.assumed)
+    factors = SYSTEMATIC * evidence.floor.doubt
     small = (evidence.negligible / np.maximum(evidence.rms(evidence.model_fit, recordings), RMS_MIN)) ** 2
     ratios = squares / counts
     limits = np.maximum(factors * fisher.ppf(chance, counts, whitening.samples), ratios * small)

@@ -72,6 +72,23 @@ class Design:
         ]
         return np.asarray(self.whitening.part * np.array(rows, dtype=float))
 
+    def log_likelihood(self, squares: Array, recordings: Sequence[int]) -> Array:
+        r"""Log-likelihood of white rows whose level is what is left of them, but not below the noise [nats].
+
+            -n/2 (\ln s + p / s)      p = SSE / n,  s = max(p, 1 / d)
+
+        with d the factor by which the floor may be wrong, one where repeats measured it. What is less than the noise
+        is no more likely by a logarithm.
+
+        Args:
+            squares: (groups,) sums of squares, in units of the floor.
+            recordings: Whose n independent samples they are.
+        """
+        counts = self.count(recordings)
+        power = squares / np.maximum(counts, 1.0)
+        level = np.maximum(power, 1.0 / self.whitening.doubt)
+        return np.asarray(-0.5 * counts * (np.log(level) + power / level))
+
     def without(self, clear: Mapping[tuple[int, int], Mask]) -> Design:
         """The same design without some rows: recording and group -> (M,) those that count."""
         whitening = replace(self.whitening, clear=clear)

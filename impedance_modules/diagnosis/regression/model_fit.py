@@ -284,29 +284,13 @@ class ModelFit:
     @cached_property
     def log_likelihood(self) -> Array:
         """(groups,) of the fitted recordings as predicted without their fold [nats]."""
-        return log_likelihood(self.unseen_squares.sum(axis=0), self.counts)
+        return self.design.log_likelihood(self.unseen_squares.sum(axis=0), self.fitted)
 
     def of(self, index: int, found: Fit | None = None) -> Array:
         """Coefficients of one term in its own units, by the whole fit unless another is given."""
         start, term = self.starts[index], self.model[index]
         values = (found or self.whole).coefficients[start : start + term.shaped.size]
         return np.asarray(values / term.layout.scale)
-
-
-def log_likelihood(squares: Array, counts: Array) -> Array:
-    r"""Log-likelihood of white rows whose level is known from below: it is that of the noise, or what is left [nats].
-
-        -n/2 (\ln s + p / s)      p = SSE / n,  s = max(p, 1)
-
-    What is less than the noise by chance, or because the floor is rough, is no more likely by its logarithm.
-
-    Args:
-        squares: (groups,) sums of squares, in units of the noise.
-        counts: (groups,) independent samples n.
-    """
-    power = squares / np.maximum(counts, 1.0)
-    level = np.maximum(power, 1.0)
-    return np.asarray(-0.5 * counts * (np.log(level) + power / level))
 
 
 def term_of(design: Design, layout: ColumnLayout) -> ModelTerm:

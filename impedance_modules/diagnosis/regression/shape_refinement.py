@@ -20,7 +20,7 @@ from impedance_modules.diagnosis.regression.candidates import (
     shapes_of,
 )
 from impedance_modules.diagnosis.regression.design_matrix import ColumnLayout, Design, layout_of, scaled_block
-from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm, log_likelihood
+from impedance_modules.diagnosis.regression.model_fit import ModelFit, ModelTerm
 from impedance_modules.diagnosis.residuals.preparation import Prepared
 from impedance_modules.effects.recorded_signals import Signals
 
@@ -225,5 +225,5 @@ def _loss(model_fit: ModelFit) -> float:
 
     With the weights of a fit that lacks the term, a tenth of a gap would count no more than noise elsewhere.
     """
-    likelihood = float(log_likelihood(model_fit.left, model_fit.counts).sum())
+    likelihood = float(model_fit.design.log_likelihood(model_fit.left, model_fit.fitted).sum())
     return float(model_fit.whole.coefficients**2 @ model_fit.prior) - 2.0 * likelihood

@@ -41,6 +41,9 @@ SEGMENT, SEGMENTS, SHORT = 64, 3, 16
 One periodogram alone is as rough as it is large, and a filter made of it digs out what happened to be quiet.
 """
 
+WEAK = 2.0
+"""By what factor a floor that no repeats measured may be wrong, either way; less where they measured a part of it."""
+
 
 @dataclass(frozen=True, eq=False)
 class Whitening:
@@ -65,6 +68,11 @@ class Whitening:
     assumed: Array
     weak: bool
     clear: Mapping[tuple[int, int], Mask] = field(default_factory=dict)
+
+    @property
+    def doubt(self) -> Array:
+        """(groups,) factor by which the noise's power may differ from the floor, either way."""
+        return np.asarray(1.0 + (WEAK - 1.0) * self.assumed)
 
     def apply(self, values: NDArray[np.floating], recording: int, group: int) -> NDArray[np.floating]:
         """Whitens (M, ...) samples; the first ORDER are lost."""
