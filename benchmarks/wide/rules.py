@@ -126,6 +126,12 @@ SEARCH = (
     Rule("merge-delays", "one delay for several lags", f"{_SEARCH}:merge_delays", _given(0)),
     Rule("elimination", "causes that no longer pass are removed", f"{_SEARCH}:eliminate_backward", _given(0)),
     Rule(
+        "shapes-anew",
+        "shapes are found anew beside fewer causes",
+        f"{_SEARCH}:Selector.reshaped",
+        lambda _, model, __: list(model),
+    ),
+    Rule(
         "simplest", "a simpler law in the end", f"{_SEARCH}:Selector.simplest", lambda _, model: list(model)
     ),
     Rule(
