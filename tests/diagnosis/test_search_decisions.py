@@ -322,3 +322,24 @@ def test_a_shape_that_another_cause_had_bent_is_found_anew(
     )
     kept = Selector.reshaped(selector, [bent, other], [term("knee", *removed)])
     assert kept[0].shaped.shape["T"] == shape and kept[1] is other
+
+
+@pytest.mark.parametrize(
+    ("moved", "outside", "time"), [(9.9, False, 15.0), (9.9, True, 36.0), (10.1, True, 15.0)]
+)
+def test_of_two_shapes_the_one_with_physical_numbers_is_kept(
+    monkeypatch: pytest.MonkeyPatch, moved: float, outside: bool, time: float
+) -> None:
+    """On the grid a friction fades to less than none in 36 s; in 15 s it does not, and fits about as well."""
+
+    def made(seconds: float, gain: float, outside: bool) -> SimpleNamespace:
+        fading = SimpleNamespace(seconds=seconds, generic=False, gain=gain, outside=outside)
+        in_sample = SimpleNamespace(gain=gain)
+        return SimpleNamespace(term=fading, gain=gain, outside=outside, in_sample=in_sample)
+
+    monkeypatch.setattr(forward_selection, "_moves", lambda one: True)
+    other = made(15.0, moved, outside)
+    monkeypatch.setattr(forward_selection, "try_term", lambda fit, one: other)
+    selector = SimpleNamespace(refiner=SimpleNamespace(refine=lambda fit, one: other.term))
+    (kept,) = Selector.refined(selector, None, [made(36.0, 10.0, True)])
+    assert kept.term.seconds == time

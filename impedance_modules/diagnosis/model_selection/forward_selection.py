@@ -230,13 +230,17 @@ class Selector:
         return self._tried[1]
 
     def refined(self, model_fit: ModelFit, trials: Sequence[CandidateTrial]) -> list[CandidateTrial]:
-        """Moves the best shapes off their grid: those that fit best, however badly an odd shape does elsewhere."""
+        """Moves the best shapes off their grid: those that fit best, however badly an odd shape does elsewhere.
+
+        A shape with physical numbers comes before one without: of a friction that fades over more than the recording
+        no number is certain, and the time that fits best may ask for less than none in the end.
+        """
         shaped = [trial for trial in trials if not trial.term.generic and _moves(trial.term)]
         out = [trial for trial in trials if trial not in shaped]
         ranked = sorted(shaped, key=lambda trial: -trial.in_sample.gain)
         for old in ranked[:REFINED]:
             new = try_term(model_fit, self.refiner.refine(model_fit, old.term))
-            out.append(new if new.gain > old.gain else old)
+            out.append(max((old, new), key=_physical_gain))
         return [*out, *ranked[REFINED:]]
 
     def reshaped(self, model: Sequence[ModelTerm], removed: Sequence[ModelTerm]) -> list[ModelTerm]:
@@ -254,7 +258,7 @@ class Selector:
                 self.trial(rest, layout) for layout in self.design.layouts if layout.shaped.key == term.key
             ]
             shapes = self.refined(rest, [try_term(rest, term), *grid])
-            kept[index] = max(shapes, key=penalised_gain).term
+            kept[index] = max(shapes, key=_physical_gain).term
         return kept
 
     def simplest(self, model: Sequence[ModelTerm]) -> list[ModelTerm]:
@@ -350,6 +354,11 @@ class Selector:
         ahead = [trial for trial in richer if further_gain(trial, own) > decided]
         ahead = [trial for trial in ahead if self.rejection_reason(trial) is None]
         return max(ahead, key=penalised_gain, default=own)
+
+
+def _physical_gain(trial: CandidateTrial) -> tuple[bool, float]:
+    """By which shapes of one candidate are compared: numbers within bounds first, then the gain."""
+    return not trial.outside, trial.gain
 
 
 def _moves(term: ModelTerm) -> bool:
