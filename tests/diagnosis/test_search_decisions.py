@@ -312,12 +312,15 @@ def test_a_shape_that_another_cause_had_bent_is_found_anew(
     layouts = [SimpleNamespace(shaped=SimpleNamespace(key=bent.key), made=lag(time)) for time in (0.01, 0.06)]
     layouts.append(SimpleNamespace(shaped=SimpleNamespace(key=other.key), made=other))
     monkeypatch.setattr(forward_selection, "_moves", lambda one: bool(one.shaped.shape))
-    monkeypatch.setattr(forward_selection, "try_term", lambda rest, one: SimpleNamespace(term=one))
-    monkeypatch.setattr(forward_selection, "penalised_gain", lambda one: one.term.gain)
+
+    def tried(one: SimpleNamespace) -> SimpleNamespace:
+        return SimpleNamespace(term=one, gain=one.gain, outside=False)
+
+    monkeypatch.setattr(forward_selection, "try_term", lambda rest, one: tried(one))
     selector = SimpleNamespace(
         model_fit=lambda model: SimpleNamespace(model=tuple(model)),
         design=SimpleNamespace(layouts=layouts),
-        trial=lambda rest, layout: SimpleNamespace(term=layout.made),
+        trial=lambda rest, layout: tried(layout.made),
         refined=lambda rest, trials: trials,
     )
     kept = Selector.reshaped(selector, [bent, other], [term("knee", *removed)])
