@@ -22,6 +22,7 @@ from impedance_modules.diagnosis.data.log import InsufficientData, Log
 from impedance_modules.diagnosis.data.long_recordings import read_recordings
 from impedance_modules.diagnosis.data.nominal_model import model_of_spec, model_of_urdf
 from impedance_modules.diagnosis.data.rigid_dynamics import inverse_dynamics
+from impedance_modules.diagnosis.data.torque_sign import CoarseComparison, _flipped
 from impedance_modules.errors import BadInput, ImpedanceError
 from impedance_modules.spec.robot_reader import read_robot
 from tests.diagnosis.test_diagnosis import JOINTS, RATE, URDF, motion, torque
@@ -533,6 +534,17 @@ def test_a_pushed_hand_is_no_flipped_sign(tmp_path, urdf):
         path = save(tmp_path, name, spoiled, gravity_compensation="robot")
         with found:
             admitted(urdf, path)
+
+
+@pytest.mark.parametrize("lean", [-2.0, -0.5, 0.5, 2.0])
+def test_a_base_that_leans_flips_no_sign_of_a_slow_motion(lean):
+    """What it adds follows the speed by chance, and against friction; the torque is the links' all the same."""
+    time = np.linspace(0.0, 14.0, 600)
+    q = 0.4 * np.sin(0.9 * time)[:, None]
+    v, a = 0.36 * np.cos(0.9 * time)[:, None], -0.324 * np.sin(0.9 * time)[:, None]
+    model = -25.0 + 40.0 * np.sin(q) + 0.4 * np.sin(3.0 * time)[:, None]
+    effort = model + lean * v / 0.36 + 0.5 * np.cos(3.3 * time)[:, None]
+    assert not _flipped(CoarseComparison(q, v, a, effort, model, None), 0)
 
 
 def test_a_tool_on_a_joint_without_load_is_no_flipped_sign(tmp_path):

@@ -35,6 +35,10 @@ SLOPE_RANGE = (0.4, 2.5)
 COMMAND_CORRELATION = 0.5
 """A reading that correlates more with the commanded torque has the right sign."""
 
+AGREEMENT = 0.25
+"""A torque that differs from the links' by less than this part of what it would with the other sign, in power, has the
+right one."""
+
 FRICTION_PART = 0.5
 """Part of a torque's power that must follow the speed for its sign to be judged by friction."""
 
@@ -129,7 +133,7 @@ def residual_of_fit(values: Array, basis: Array) -> Array:
 
 def _flipped(found: CoarseComparison, joint: int) -> bool:
     effort, model = found.effort[:, joint], found.model[:, joint]
-    if _follows_command(found, joint):
+    if _follows_command(found, joint) or _agrees(effort, model):
         return False
     own = found.joint_basis(joint)
     e, m = residual_of_fit(effort, own), residual_of_fit(model, own)
@@ -143,6 +147,14 @@ def _flipped(found: CoarseComparison, joint: int) -> bool:
         slope = float(e @ m) / float(m @ m)
         return correlation < OPPOSITE and SLOPE_RANGE[0] < -slope < SLOPE_RANGE[1]
     return _drives(effort - model, own) and not _drives(-effort - model, own)
+
+
+def _agrees(effort: Array, model: Array) -> bool:
+    """Whether the whole torque, weight and all, is far nearer the links' than with the other sign.
+
+    The little that is no effect of the joint itself may be turned round by a base that leans.
+    """
+    return float(np.sum((effort - model) ** 2)) < AGREEMENT * float(np.sum((effort + model) ** 2))
 
 
 def _follows_command(found: CoarseComparison, joint: int) -> bool:
