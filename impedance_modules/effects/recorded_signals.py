@@ -98,6 +98,7 @@ class Signals:
         clean_acceleration: ``acceleration`` as far as it is motion; None where nobody says. Columns are made of it.
         reading: ``effort`` as it was read, where ``effort`` was cleaned: for laws that need no more than its sign.
         reported_velocity: As reported beside the positions [rad/s], or None.
+        velocity_filter: Time constant of the first-order lag that the robot file states of these [s].
         path_before: (K, n) positions before the first sample, from which bristles are bent [rad], or None.
     """
 
@@ -124,6 +125,7 @@ class Signals:
     carried: CarriedObject | None = None
     reading: Array | None = None
     reported_velocity: Array | None = None
+    velocity_filter: float = 0.0
     path_before: Array | None = None
     aimed: Array | None = None
 

@@ -2,6 +2,7 @@
 """Reported velocities of which the lag is known, and not the filter: what its second order leaves is no finding."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from impedance_modules.diagnosis.data.rigid_dynamics import BatchedRigidModel
 from impedance_modules.diagnosis.regression.nuisance_columns import FILTER_PRIOR, build_nuisance
 from impedance_modules.diagnosis.residuals.band import CommonBand
 from impedance_modules.diagnosis.residuals.preparation import prepare
+from impedance_modules.effects.catalogue import CATALOGUE
 from tests.support.pressed_recordings import JOINTS, URDF
 
 LAG = 0.012  # s
@@ -27,8 +29,8 @@ def filter_of(damping: float) -> tuple[list[float], list[float]]:
     return [1.0], [1.0 / pole**2, 2.0 * damping / pole, 1.0]
 
 
-def prepared(damping: float):
-    """A recording whose velocities a filter has passed, and its nuisance."""
+def prepared(damping: float, further: float = 0.0):
+    """A recording whose velocities a filter has passed, the first joint's one more lag as well, and its nuisance."""
     random = np.random.default_rng(5)
     time = np.arange(0.0, 20.0, 1.0 / RATE)
     rates = 2.0 * np.pi * random.uniform(0.3, 1.5, (3, len(JOINTS)))
@@ -37,6 +39,8 @@ def prepared(damping: float):
     position = 0.1 * np.sin(angle).sum(axis=1)
     velocity = 0.1 * (rates * np.cos(angle)).sum(axis=1)
     reported = np.column_stack([lsim(filter_of(damping), v, time)[1] for v in velocity.T])
+    if further:
+        reported[:, 0] = lsim(([1.0], [further, 1.0]), reported[:, 0], time)[1]
     log = Log(*("run", "run", RATE, position, reported, 0.0 * position, None, None, "joint_sensor", "none"))
     model = replace(model_of_urdf(URDF, JOINTS), velocity_filter=LAG)
     item = prepare(log, model, BatchedRigidModel.of_tree(URDF, model.tree), CommonBand.of(RATE, 12.0))
@@ -75,3 +79,14 @@ def test_a_velocity_that_nobody_filters_has_no_such_number():
     with_it, without = (build_nuisance([one], one.tree.inertia) for one in (item, bare))
     for (residual, _), more, less in zip(with_it.groups, with_it.ids, without.ids, strict=True):
         assert len(more) - len(less) == (residual == "velocity")
+
+
+@pytest.mark.parametrize("further", [0.004, 0.018, 0.05])
+def test_a_further_lag_is_that_of_what_the_stated_filter_gives(further):
+    """Not of the joint's own velocity: its number would be wrong by up to the stated filter's."""
+    item, _ = prepared(0.0, further)
+    shape = {"T": further}
+    site = SimpleNamespace(joint=0, signals=item.signals)
+    column = CATALOGUE["velocity_filter_lag"].in_residual(site, "velocity", shape)
+    left = (item.residuals["velocity"][:, 0] - item.band.condense(column.fixed)[:, 0])[50:]
+    assert left.std() < 0.01 * item.residuals["velocity"][50:, 0].std()

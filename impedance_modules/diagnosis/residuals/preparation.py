@@ -29,13 +29,13 @@ from impedance_modules.diagnosis.data.time_base import delayed
 from impedance_modules.diagnosis.data.torque_jumps import jump_sizes
 from impedance_modules.diagnosis.residuals.band import Band, CommonBand, above_noise, deflection_cutoffs
 from impedance_modules.effects.catalogue import CATALOGUE
-from impedance_modules.effects.drive_effects import lagged
 from impedance_modules.effects.effect import predicted
 from impedance_modules.effects.effect_description import Port
 from impedance_modules.effects.patch_check import numbers
 from impedance_modules.effects.recorded_signals import Signals, differentiate
 from impedance_modules.effects.regressor import Site
 from impedance_modules.effects.residual_kinds import Residual
+from impedance_modules.effects.sensor_effects import stated_velocity
 from impedance_modules.spec.patch_file import EffectSpec
 
 AppliedEffect = tuple[str, Port, Mapping[str, Mapping[str, float]]]
@@ -231,6 +231,7 @@ def _signals(
         encoders=model.encoders,
         deflection_cutoffs=deflection_cutoffs(log),
         reported_velocity=None if log.velocity is None else band.smooth(log.velocity),
+        velocity_filter=model.velocity_filter,
         path_before=_path_before(log, band),
     )
     return _in_one_piece(found)
@@ -259,7 +260,8 @@ def _residuals(log: Log, model: NominalModel, s: Signals, torque: Array) -> dict
     elif s.drive is not None:
         found["whole"] = s.drive - torque - rotor
     if log.velocity is not None and s.reported_velocity is not None:
-        found["velocity"] = log.velocity - _lagged(s, model.velocity_filter)
+        stated = [stated_velocity(s, joint) for joint in range(s.n)]
+        found["velocity"] = log.velocity - np.column_stack(stated)
     return found
 
 
@@ -287,13 +289,6 @@ def _drive(log: Log, model: NominalModel, weight: Array, band: Band) -> Array | 
     late = delayed(log.command, time, model.command_delay)
     smooth = band.smooth(late)
     return smooth + weight if log.gravity_compensation == "robot" else smooth
-
-
-def _lagged(s: Signals, time_constant: float) -> Array:
-    """Passes the encoders' velocities (N, n) through the first-order lag of the reported ones, from its start on."""
-    starts = s.encoder_velocity[0] if s.reported_velocity is None else s.reported_velocity[0]
-    columns = zip(s.encoder_velocity.T, starts.tolist(), strict=True)
-    return np.column_stack([lagged(column, s.time, time_constant, start) for column, start in columns])
 
 
 def _thinned(log: Log, common: CommonBand) -> Log:
