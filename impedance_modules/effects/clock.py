@@ -24,7 +24,6 @@ from impedance_modules.effects.plant_builder import PlantBuilder
 from impedance_modules.effects.recorded_signals import Signals
 from impedance_modules.effects.regressor import Regressor, Site, all_rows
 from impedance_modules.effects.residual_kinds import COVERS, EFFORT_SIGN, Residual, uses_motion
-from impedance_modules.effects.sensor_effects import stated_velocity
 from impedance_modules.errors import BadInput
 
 APART = "apart"
@@ -213,9 +212,7 @@ def _late_efforts(signals: Signals, residual: Residual, at: _Clock) -> _Off:
 
 def _late_velocities(signals: Signals, residual: Residual, at: _Clock) -> _Off:
     """The reported speed at t is that of the positions, through the stated filter, at t / (1 + c)."""
-    true = np.zeros((signals.samples, signals.n))
-    if residual == "velocity":
-        true = np.column_stack([stated_velocity(signals, joint) for joint in range(signals.n)])
+    true = signals.stated_velocity if residual == "velocity" else np.zeros((signals.samples, signals.n))
     then = signals.time / (1.0 + at.rate)
     was, slope = _at(then, true, signals)
     return _Off(was - true, -(then / (1.0 + at.rate))[:, None] * slope)

@@ -18,7 +18,7 @@ from impedance_modules.effects.effect import NEEDED, Stepped, Values
 from impedance_modules.effects.effect_description import Description, Parameter, Port, joint_parameter
 from impedance_modules.effects.joint_motion import Shape
 from impedance_modules.effects.plant_builder import PlantBuilder
-from impedance_modules.effects.recorded_signals import Signals, differentiate
+from impedance_modules.effects.recorded_signals import Signals, differentiate, lagged
 from impedance_modules.effects.regressor import Regressor, Site, one_row
 from impedance_modules.effects.residual_kinds import Residual, Stage
 from impedance_modules.effects.simulator_numbers import one_number
@@ -202,33 +202,3 @@ class TorqueSaturation(DriveLaw):
         joints = builder.joints(parameters)
         limits = np.array([values["limit"] for values in parameters.values()])
         builder.drive_limit[joints] = np.minimum(builder.drive_limit[joints], limits)
-
-
-def lagged(values: Array, time: Array, constant: float, start: float | None = None) -> Array:
-    """Follows values (N,) with a first-order lag; exact for straight pieces between samples.
-
-    Args:
-        values: (N,) at the times.
-        time: (N,) [s].
-        constant: Time constant [s].
-        start: What the lag gives at first; None where it has settled.
-    """
-    if constant < 1e-9:
-        return values.copy()
-    first = float(values[0]) if start is None else start
-    steps = np.diff(time)
-    keep = np.exp(-steps / constant)
-    # Over a straight piece u(s) = u_0 + r s the lag's particular solution is u(s) - r T.
-    behind = np.diff(values) / steps * constant
-    # state' = keep state + push, one first-order filter where the steps are even.
-    push = values[1:] - behind - keep * (values[:-1] - behind)
-    if np.ptp(steps) < 1e-6 * steps[0]:
-        from scipy.signal import lfilter  # noqa: PLC0415 - a slow import that a run does without
-
-        before = np.array([keep[0] * first])
-        return np.concatenate([[first], lfilter([1.0], [1.0, -keep[0]], push, zi=before)[0]])
-    out = np.empty_like(values)
-    out[0] = state = first
-    for i in range(steps.size):
-        out[i + 1] = state = keep[i] * state + push[i]
-    return out

@@ -47,6 +47,36 @@ def differentiate(values: Array, time: Array) -> Array:
     return out
 
 
+def lagged(values: Array, time: Array, constant: float, start: float | None = None) -> Array:
+    """Follows values (N,) with a first-order lag; exact for straight pieces between samples.
+
+    Args:
+        values: (N,) at the times.
+        time: (N,) [s].
+        constant: Time constant [s].
+        start: What the lag gives at first; None where it has settled.
+    """
+    if constant < 1e-9:
+        return values.copy()
+    first = float(values[0]) if start is None else start
+    steps = np.diff(time)
+    keep = np.exp(-steps / constant)
+    # Over a straight piece u(s) = u_0 + r s the lag's particular solution is u(s) - r T.
+    behind = np.diff(values) / steps * constant
+    # state' = keep state + push, one first-order filter where the steps are even.
+    push = values[1:] - behind - keep * (values[:-1] - behind)
+    if np.ptp(steps) < 1e-6 * steps[0]:
+        from scipy.signal import lfilter  # noqa: PLC0415 - a slow import that a run does without
+
+        before = np.array([keep[0] * first])
+        return np.concatenate([[first], lfilter([1.0], [1.0, -keep[0]], push, zi=before)[0]])
+    out = np.empty_like(values)
+    out[0] = state = first
+    for i in range(steps.size):
+        out[i + 1] = state = keep[i] * state + push[i]
+    return out
+
+
 def low_passed(values: Array, rate: float, cutoffs: Array) -> Array:
     """Filters samples (N, k, ...) with zero phase, each of the k series below a frequency of its own (k,) [Hz]."""
     from scipy.signal import sosfiltfilt  # noqa: PLC0415 - a slow import that a run does without
@@ -249,6 +279,18 @@ class Signals:
     def encoder_velocity(self) -> Array:
         """Speeds (N, n) where the encoders sit [rad/s]."""
         return np.where(self.encoder_at_motor, self.motor_velocity, self.velocity)
+
+    @cached_property
+    def stated_velocity(self) -> Array:
+        """Those speeds (N, n) as the stated filter reports them, from what was reported at first on [rad/s].
+
+        A segment begins in the middle of a motion.
+        """
+        first = self.encoder_velocity[0] if self.reported_velocity is None else self.reported_velocity[0]
+        columns = zip(self.encoder_velocity.T, first.tolist(), strict=True)
+        return np.column_stack(
+            [lagged(column, self.time, self.velocity_filter, start) for column, start in columns]
+        )
 
     def torque_of_shift(self, joint: int, shift: Array) -> Array:
         r"""Computes how ID changes as one joint's path is shifted by a small \delta (N,), to first order, (N, n) [N.m].

@@ -10,13 +10,13 @@ import numpy as np
 from impedance_modules.arrays import Array
 from impedance_modules.compiled import compiled
 from impedance_modules.effects.compensation_builder import CompensationBuilder, Diagnosed
-from impedance_modules.effects.drive_effects import LAGS, lagged
+from impedance_modules.effects.drive_effects import LAGS
 from impedance_modules.effects.effect import NEEDED, Effect, JointLaw, Stepped, Values
 from impedance_modules.effects.effect_description import Description, Parameter, Port, joint_parameter
 from impedance_modules.effects.joint_motion import Shape
 from impedance_modules.effects.joint_transmission import Backlash, place_in_play
 from impedance_modules.effects.plant_builder import PlantBuilder
-from impedance_modules.effects.recorded_signals import Signals
+from impedance_modules.effects.recorded_signals import lagged
 from impedance_modules.effects.regressor import Regressor, Site, all_rows, ends, one_row
 from impedance_modules.effects.residual_kinds import EFFORT_SIGN, Residual, Stage, uses_motion
 from impedance_modules.effects.simulator_numbers import one_number
@@ -283,18 +283,6 @@ class Crosstalk(Effect):
             shares[builder.joint(joint), builder.joint(other)] += values["c"]
 
 
-def stated_velocity(signals: Signals, joint: int) -> Array:
-    """Speed (N,) of a joint's encoder as the stated filter reports it [rad/s]."""
-    true, first = signals.encoder_velocity[:, joint], _reported_first(signals, joint)
-    return lagged(true, signals.time, signals.velocity_filter, first)
-
-
-def _reported_first(signals: Signals, joint: int) -> float | None:
-    """What was reported at first: a segment begins in the middle of a motion, and a lag gives this there."""
-    known = signals.reported_velocity
-    return None if known is None else float(known[0, joint])
-
-
 class VelocityFilterLag(Stepped):
     """A reported velocity that lags."""
 
@@ -324,8 +312,10 @@ class VelocityFilterLag(Stepped):
         """The lag at T of what the stated filter gives, and its slope by T."""
         signals = site.signals
         joint, T = site.joint, float(shape["T"])
-        true, change = stated_velocity(signals, joint), 0.02 * T + 1e-5
-        start = _reported_first(signals, joint)
+        true, change = signals.stated_velocity[:, joint], 0.02 * T + 1e-5
+        # A segment begins in the middle of a motion: what the lag gives there is what was reported.
+        known = signals.reported_velocity
+        start = None if known is None else float(known[0, joint])
         slow = lagged(true, signals.time, T, start)
         slope = (lagged(true, signals.time, T + change, start) - slow) / change
         return one_row(joint, slope, slow - true, lower=-T)

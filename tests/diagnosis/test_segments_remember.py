@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from impedance_modules.diagnosis.data.log import PATH_BEFORE, Log
-from impedance_modules.effects.drive_effects import lagged
+from impedance_modules.effects.recorded_signals import lagged
 from tests.diagnosis.test_diagnosis import JOINTS, RATE, answer, motion, torque
 from tests.support.effect_recordings import record
 from tests.support.recordings import columns_of, save

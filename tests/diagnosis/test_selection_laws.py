@@ -81,7 +81,7 @@ def squares(trial: CandidateTrial, with_it: bool) -> np.ndarray:
                         left = left - term.fixed[r].get(g, 0.0)
                     first += term.shaped.size
                 unseen[r].append(left)
-        out[fold] = model_fit.predicted_squares(unseen, recordings, model_fit.fitted)
+        out[fold] = model_fit.predicted_squares(unseen, recordings)
     return out
 
 
@@ -98,7 +98,7 @@ def test_less_than_the_noise_is_no_likelier_by_its_logarithm(doubt: float) -> No
     n = design.count([0])
 
     def of(power: float) -> float:
-        return float(design.log_likelihood(power * n, [0]).sum())
+        return float(design.log_likelihood(power * n, n).sum())
 
     for before, after in ((10.0, 2.0), (4.0, 1.0), (2.0, 1.0 / doubt)):
         assert of(after) - of(before) == pytest.approx(0.5 * n.sum() * np.log(before / after))

@@ -67,8 +67,8 @@ class CandidateTrial:
     @cached_property
     def unseen_gains(self) -> Array:
         """(groups,) held-out gain [nats]."""
-        design, fitted = self.model_fit.design, self.model_fit.fitted
-        without, with_it = (design.log_likelihood(part.sum(axis=0), fitted) for part in self._sums)
+        design, counts = self.model_fit.design, self.model_fit.counts
+        without, with_it = (design.log_likelihood(part.sum(axis=0), counts) for part in self._sums)
         return np.asarray(with_it - without)
 
     @property
@@ -186,7 +186,7 @@ def fit_in_sample(model_fit: ModelFit, term: ModelTerm, products: Sequence[TermP
     for r in model_fit.fitted:
         squares += [float(x @ x) for x in less_term(model_fit.residuals(found, r), term, r, more)]
     before, after = (
-        model_fit.design.log_likelihood(part, model_fit.fitted) for part in (model_fit.left, squares)
+        model_fit.design.log_likelihood(part, model_fit.counts) for part in (model_fit.left, squares)
     )
     prior = float(model_fit.prior @ (model_fit.whole.coefficients**2 - found**2))
     own = float(term.layout.precision @ more**2)

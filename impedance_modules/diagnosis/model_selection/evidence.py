@@ -210,14 +210,14 @@ class Evidence:
         """(groups,) squares that a model leaves, of held-out recordings by what it can foretell of their links."""
         unseen = [r for r in recordings if r in self.heldout]
         left = {r: model_fit.residuals(model_fit.whole.coefficients, r) for r in unseen}
-        known = (*model_fit.fitted, *unseen)
         seen = [model_fit.left_of(r) for r in recordings if r not in self.heldout]
         fitted = np.sum([[values @ values for values in own] for own in seen], axis=0) if seen else 0.0
-        return np.asarray(fitted + model_fit.predicted_squares(left, unseen, known))
+        return np.asarray(fitted + model_fit.predicted_squares(left, unseen))
 
     def held_out_likelihood(self, model_fit: ModelFit) -> Array:
         """(groups,) log-likelihood of the held-out recordings [nats]."""
-        return self.design.log_likelihood(self.foretold_squares(model_fit, self.heldout), self.heldout)
+        squares = self.foretold_squares(model_fit, self.heldout)
+        return self.design.log_likelihood(squares, self.design.count(self.heldout))
 
     def whitened_excess(self, model_fit: ModelFit | None) -> float:
         """That power beyond the noise, over all groups."""

@@ -72,7 +72,7 @@ class Design:
         ]
         return np.asarray(self.whitening.part * np.array(rows, dtype=float))
 
-    def log_likelihood(self, squares: Array, recordings: Sequence[int]) -> Array:
+    def log_likelihood(self, squares: Array, counts: Array) -> Array:
         r"""Log-likelihood of white rows whose level is what is left of them, but not below the noise [nats].
 
             -n/2 (\ln s + p / s)      p = SSE / n,  s = max(p, 1 / d)
@@ -82,9 +82,8 @@ class Design:
 
         Args:
             squares: (groups,) sums of squares, in units of the floor.
-            recordings: Whose n independent samples they are.
+            counts: (groups,) n, their independent samples.
         """
-        counts = self.count(recordings)
         power = squares / np.maximum(counts, 1.0)
         level = np.maximum(power, 1.0 / self.whitening.doubt)
         return np.asarray(-0.5 * counts * (np.log(level) + power / level))
@@ -111,21 +110,6 @@ class Design:
     def nuisance_gram(self) -> tuple[tuple[Array, ...], ...]:
         """Recording -> group -> (k, k) Z^T Z."""
         return tuple(tuple(block.T @ block for block in recording) for recording in self.Z)
-
-    def nuisance_sums(self, recordings: Sequence[int]) -> tuple[Array, ...]:
-        """Group -> (k, k) Z^T Z of some recordings together, summed once."""
-        chosen = tuple(recordings)
-        known = self._nuisance_sums.get(chosen)
-        if known is None:
-            grams = [self.nuisance_gram[r] for r in chosen]
-            known = self._nuisance_sums[chosen] = tuple(
-                np.asarray(sum(part)) for part in zip(*grams, strict=True)
-            )
-        return known
-
-    @cached_property
-    def _nuisance_sums(self) -> dict[tuple[int, ...], tuple[Array, ...]]:
-        return {}
 
 
 def build_design(

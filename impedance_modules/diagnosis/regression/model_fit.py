@@ -129,7 +129,6 @@ class ModelFit:
         )
         self._summed: dict[tuple[int, tuple[int, ...]], tuple[Array, Array]] = {}
         self._left: dict[int, list[Array]] = {}
-        self._covariances: dict[tuple[int, ...], Array] = {}
         self.counts = design.count(self.fitted)
         self.weights = np.ones(len(design.groups))
         self.whole = self.fit(self.fitted)
@@ -252,39 +251,40 @@ class ModelFit:
 
     def predicted_by_fold(self, left: Mapping[int, Sequence[Array]]) -> Array:
         """(folds, groups) squares of what fits without each fold leave of it, by what they can foretell."""
-        return np.array([self.predicted_squares(left, fold, self.fitted) for fold in self.folds])
+        return np.array([self.predicted_squares(left, fold) for fold in self.folds])
 
-    def predicted_squares(
-        self, left: Mapping[int, Sequence[Array]], unseen: Sequence[int], known: Sequence[int]
-    ) -> Array:
+    def predicted_squares(self, left: Mapping[int, Sequence[Array]], unseen: Sequence[int]) -> Array:
         """(groups,) squares of what a fit leaves of unseen recordings, by what it can foretell of their links.
 
         Causes stand as they are, so that each is judged by its own numbers (`regression.prediction`).
 
         Args:
             left: Recording -> group -> (M,) residual by the fit, whitened.
-            unseen: Recordings that the fit has not seen.
-            known: These and all that it has seen.
+            unseen: A fold, by the fit of the others; or held-out recordings, by the whole fit.
         """
-        nuisance = self.design.nuisance
-        covariance = self._nuisance_covariance(tuple(known))
         residuals, columns = [left[r] for r in unseen], [self.design.Z[r] for r in unseen]
-        return foretold_squares(residuals, columns, nuisance.ids, self.weights, covariance)
+        more = [r for r in unseen if r not in self.fitted]
+        covariance = self._nuisance_covariance(more) if more else self._fitted_covariance
+        return foretold_squares(residuals, columns, self.design.nuisance.ids, self.weights, covariance)
 
-    def _nuisance_covariance(self, recordings: tuple[int, ...]) -> Array:
-        """(K, K) covariance of the nuisance given the causes, by its prior and some recordings; inverted once."""
-        known = self._covariances.get(recordings)
-        if known is None:
-            A, nuisance = np.eye(self.design.nuisance.size), self.design.nuisance
-            for g, gram in enumerate(self.design.nuisance_sums(recordings)):
-                A[np.ix_(nuisance.ids[g], nuisance.ids[g])] += self.weights[g] * gram
-            known = self._covariances[recordings] = np.asarray(np.linalg.inv(A))
-        return known
+    @cached_property
+    def _fitted_covariance(self) -> Array:
+        """(K, K) covariance of the nuisance given the causes, by its prior and the fitted recordings."""
+        return self._nuisance_covariance(())
+
+    def _nuisance_covariance(self, more: Sequence[int]) -> Array:
+        """The same by more recordings, too."""
+        size = self.design.nuisance.size
+        A = self.whole.normal[:size, :size].copy()
+        for r in more:
+            for g, ids in enumerate(self.design.nuisance.ids):
+                A[np.ix_(ids, ids)] += self.weights[g] * self.design.nuisance_gram[r][g]
+        return np.asarray(np.linalg.inv(A))
 
     @cached_property
     def log_likelihood(self) -> Array:
         """(groups,) of the fitted recordings as predicted without their fold [nats]."""
-        return self.design.log_likelihood(self.unseen_squares.sum(axis=0), self.fitted)
+        return self.design.log_likelihood(self.unseen_squares.sum(axis=0), self.counts)
 
     def of(self, index: int, found: Fit | None = None) -> Array:
         """Coefficients of one term in its own units, by the whole fit unless another is given."""

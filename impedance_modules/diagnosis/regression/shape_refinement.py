@@ -225,5 +225,5 @@ def _loss(model_fit: ModelFit) -> float:
 
     With the weights of a fit that lacks the term, a tenth of a gap would count no more than noise elsewhere.
     """
-    likelihood = float(model_fit.design.log_likelihood(model_fit.left, model_fit.fitted).sum())
+    likelihood = float(model_fit.design.log_likelihood(model_fit.left, model_fit.counts).sum())
     return float(model_fit.whole.coefficients**2 @ model_fit.prior) - 2.0 * likelihood

@@ -35,7 +35,6 @@ from impedance_modules.effects.patch_check import numbers
 from impedance_modules.effects.recorded_signals import Signals, differentiate
 from impedance_modules.effects.regressor import Site
 from impedance_modules.effects.residual_kinds import Residual
-from impedance_modules.effects.sensor_effects import stated_velocity
 from impedance_modules.spec.patch_file import EffectSpec
 
 AppliedEffect = tuple[str, Port, Mapping[str, Mapping[str, float]]]
@@ -260,8 +259,7 @@ def _residuals(log: Log, model: NominalModel, s: Signals, torque: Array) -> dict
     elif s.drive is not None:
         found["whole"] = s.drive - torque - rotor
     if log.velocity is not None and s.reported_velocity is not None:
-        stated = [stated_velocity(s, joint) for joint in range(s.n)]
-        found["velocity"] = log.velocity - np.column_stack(stated)
+        found["velocity"] = log.velocity - s.stated_velocity
     return found
 
 
