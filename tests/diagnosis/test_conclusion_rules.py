@@ -195,8 +195,9 @@ def test_orders_go_from_one_period_over_the_travel_to_what_the_samples_follow() 
 
 
 def test_the_worse_of_two_tests_counts_and_structure_fails() -> None:
-    assert remainder._worse((3.0, 2.0), (2.0, 1.0)) == (2.0, 1.0)
-    assert remainder._worse((3.0, 1.0), (2.0, 1.0)) == (3.0, 1.0)
+    heldout, everything = np.array([[3.0, 3.0], [2.0, 1.0]]), np.array([[2.0, 2.0], [1.0, 1.0]])
+    for one, other in ((heldout, everything), (everything, heldout)):
+        assert remainder._worse(one, other).tolist() == [[2.0, 3.0], [1.0, 1.0]]
     for ratio, structure, passed in (
         (1.0, "", True),
         (2.0, "", True),

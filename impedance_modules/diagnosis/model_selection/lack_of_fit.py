@@ -124,23 +124,24 @@ def lack_of_fit(evidence: Evidence) -> LackOfFit:
     foretold, fitted = _foretold_squares(evidence, rescale), _fitted_squares(evidence, rescale)
     heldout = _ratios(evidence, foretold, evidence.heldout)
     everything = _ratios(evidence, foretold + fitted, _all_recordings(evidence))
-    ratio, limit = (np.array(part) for part in zip(*map(_worse, heldout, everything), strict=True))
+    ratio, limit = _worse(heldout, everything)
     return LackOfFit(ratio, limit, find_structure(evidence))
 
 
-def _worse(one: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:
-    return max(one, other, key=lambda pair: pair[0] / pair[1])
+def _worse(one: Array, other: Array) -> Array:
+    """Of ratios and limits (2, groups) those of the test that each group passes by less."""
+    return np.where(one[0] / one[1] >= other[0] / other[1], one, other)
 
 
-def _ratios(evidence: Evidence, squares: Array, recordings: Sequence[int]) -> list[tuple[float, float]]:
-    """Power of some squares over the noise's, and its limit, of each group."""
+def _ratios(evidence: Evidence, squares: Array, recordings: Sequence[int]) -> Array:
+    """Power of some squares over the noise's, and its limit, (2, groups)."""
     whitening, counts = evidence.design.whitening, evidence.design.count(recordings)
     chance = 1.0 - ALPHA / len(counts)
     factors = SYSTEMATIC * evidence.floor.doubt
     small = (evidence.negligible / np.maximum(evidence.rms(evidence.model_fit, recordings), RMS_MIN)) ** 2
     ratios = squares / counts
     limits = np.maximum(factors * fisher.ppf(chance, counts, whitening.samples), ratios * small)
-    return list(zip(ratios.tolist(), limits.tolist(), strict=True))
+    return np.stack([ratios, limits])
 
 
 def _fitted_squares(evidence: Evidence, rescale: Array) -> Array:
